@@ -1,0 +1,1 @@
+"""cgfibre: discrete-element compaction of fibre bundles, tows and fabrics with LAMMPS."""

@@ -1,0 +1,1 @@
+"""Builders: scene to FilamentSystem, pure functions of a spec and a random generator."""

@@ -1,0 +1,1 @@
+"""LAMMPS: FilamentSystem and plan to record and frames. The only place that knows the engine."""

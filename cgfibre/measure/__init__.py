@@ -1,0 +1,1 @@
+"""Arrays to numbers: compaction curves, filament distribution, guards. No paths."""
