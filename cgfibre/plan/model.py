@@ -1,0 +1,150 @@
+"""What a plan says: every number the deck needs, every choice with its reason, everything left out with its error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cgfibre.build.system import FloatArray, IntArray
+
+#: roles of a station's beads; bead type in the engine = role * filament kinds + kind + 1
+CONTACT, FREE, LEFT, RIGHT, GRIP = range(5)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A decision: what was chosen, its value, and why."""
+
+    what: str
+    value: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Omission:
+    """Something that is left out of the model, why, and the error to expect from it."""
+
+    what: str
+    reason: str
+    error: str
+
+
+@dataclass(frozen=True)
+class Beads:
+    """Where the beads of every filament stand along x and what they are.
+
+    ``stations`` (n,) um; ``role`` (n,) int; ``mass`` (n,) pg; ``hinge`` (n,) nN um, the angle stiffness K of angle
+    cosine at each station (0 where there is no angle); ``far_spring`` (transverse, axial) nN/um of a condensed far
+    field's end beads; ``support`` names the deck's include; ``end_load`` nN on each bead of the right support.
+    """
+
+    stations: FloatArray
+    role: IntArray
+    mass: FloatArray
+    hinge: FloatArray
+    support: str
+    end_load: float
+    far_spring: tuple[float, float] = (0.0, 0.0)
+    closed: bool = False
+    far_field: str = "none"
+    zone: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Contact between beads: ``law`` hooke (kn nN/um) or hertz (kn kPa), with ``kt``, ``gamma`` (nN us/um), friction.
+
+    ``line_stiffness`` kPa is the real secant stiffness per length that ``softening`` divides.
+    """
+
+    law: str
+    kn: float
+    kt: float
+    gamma: float
+    friction: float
+    softening: float
+    line_stiffness: float
+
+
+@dataclass(frozen=True)
+class Platens:
+    """Platens: stiffness a bead, friction, and the spans along x of the top and the bottom one, um (None: no edge)."""
+
+    shape: str
+    kn: float
+    kt: float
+    gamma: float
+    friction: float
+    top_span: tuple[float, float] | None
+    bottom_span: tuple[float, float] | None
+    contact_length: float
+    crimp_radius: float = 0.0
+    crimp_centre: float = 0.0
+    convex: bool = True
+    bottom_crimped: bool = True
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Platen motion: speeds in um/us, growth length um, phases in steps, earlier stops (inf: none).
+
+    v(d) = first (1 + d/growth) until ``last``; unloading runs the same film backwards.
+    """
+
+    first: float
+    last: float
+    growth: float
+    load_steps: int
+    hold_steps: int
+    unload: bool
+    stop_force: float
+    stop_pressure: float
+    planned_displacement: float
+    quasi_static_force: float
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Steps in a record row, between readings, between frames and between checkpoints."""
+
+    sample: int
+    every: int
+    frame: int
+    checkpoint: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The least model that the scene asks for, in engine units.
+
+    ``depth`` um is the length a section stands for (0 for the other levels); ``springs`` (nN/um, nN um/rad) its
+    springs; ``timestep`` us; ``drag`` nN us/um and ``turning_drag`` nN um us of the background on a contact bead.
+    """
+
+    level: str
+    spacing: float
+    pitch: float
+    width: float
+    height: float
+    n_filaments: int
+    n_beads: int
+    beads: Beads
+    axial_softening: float
+    timestep: float
+    timestep_limit: float
+    drag: float
+    turning_drag: float
+    torsion: str
+    contact: Contact
+    platens: Platens
+    motion: Motion
+    sampling: Sampling
+    predicted_seconds: float
+    choices: tuple[Choice, ...]
+    omissions: tuple[Omission, ...]
+    depth: float = 0.0
+    springs: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def planned_steps(self) -> int:
+        """Steps of all phases if no stop comes earlier."""
+        return self.motion.load_steps * (2 if self.motion.unload else 1) + self.motion.hold_steps

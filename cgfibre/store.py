@@ -1,0 +1,235 @@
+"""results.h5: an H5MD trajectory with the record, the system, the scene, the plan and the statistics beside it.
+
+Layout (schema 1; every dataset has a ``units`` attribute):
+
+    /h5md, /particles/filaments, /connectivity/bonds   H5MD 1.1, positions in nm and time in ns: units that H5MD
+                                                       readers know (MDAnalysis refuses um)
+    /record/<column of curve.csv>, phase, width_um     the curve
+    /system/...                                        the FilamentSystem, um
+    /distribution/...                                  statistics, one row a frame
+    /scene (TOML), /plan, /summary (JSON)              text
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import h5py
+import numpy as np
+
+from cgfibre.build.system import FilamentSystem, FilamentType
+from cgfibre.errors import StoreError
+from cgfibre.record import CURVE_COLUMNS, Curve, Frames
+
+if TYPE_CHECKING:
+    import MDAnalysis
+
+SCHEMA = 1
+NM_PER_UM = 1000.0
+NS_PER_US = 1000.0
+SYSTEM_UNITS = {"positions": "um", "box": "um"}
+TYPE_UNITS = {"diameter": "um", "EA": "nN", "EI": "nN um2", "GJ": "nN um2", "kGA": "nN", "mass_per_length": "pg/um"}
+
+
+@dataclass(frozen=True)
+class Results:
+    """What a results file holds. ``distribution`` maps a name to (values, units), one row a frame; texts as written."""
+
+    system: FilamentSystem
+    curve: Curve
+    frames: Frames
+    timestep: float
+    distribution: Mapping[str, tuple[np.ndarray, str]]
+    scene: str
+    plan: str
+    summary: Mapping[str, Any]
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[Path]:
+    """Write beside ``path`` and put it in place at the end, so that a full disk or a kill leaves the old file whole."""
+    part = path.with_name(path.name + ".part")
+    try:
+        yield part
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _put(group: h5py.Group, name: str, values: Any, units: str, **options: Any) -> h5py.Dataset:
+    data = group.create_dataset(name, data=values, **options)
+    data.attrs["units"] = units
+    return data
+
+
+def write_results(path: Path, results: Results) -> None:
+    """Write ``results`` to ``path`` at once: either the whole file is there afterwards or the old one is."""
+    with _replacing(path) as part, h5py.File(part, "w") as f:
+        f.attrs["cgfibre_schema"] = SCHEMA
+        for name, text in (("scene", results.scene), ("plan", results.plan), ("summary", json.dumps(dict(results.summary)))):
+            _put(f, name, text, "text")
+        _write_trajectory(f, results)
+        _write_system(f.create_group("system"), results.system)
+        record = f.create_group("record")
+        for name, units in CURVE_COLUMNS.items():
+            _put(record, name, results.curve[name], units)
+        _put(record, "phase", results.curve.phase, "1")
+        _put(record, "width_um", results.curve.width_um, "um")
+        distribution = f.create_group("distribution")
+        for name, (values, units) in results.distribution.items():
+            _put(distribution, name, values, units)
+
+
+def _write_trajectory(f: h5py.File, results: Results) -> None:
+    system, frames = results.system, results.frames
+    h5md = f.create_group("h5md")
+    h5md.attrs["version"] = np.array([1, 1], dtype=np.int32)
+    h5md.create_group("author").attrs["name"] = "cgfibre user"
+    creator = h5md.create_group("creator")
+    creator.attrs["name"], creator.attrs["version"] = "cgfibre", str(SCHEMA)
+    particles = f.create_group("particles/filaments")
+    box = particles.create_group("box")
+    box.attrs["dimension"] = 3
+    box.attrs["boundary"] = [("periodic" if p else "none").encode() for p in system.periodic]
+    position = particles.create_group("position")
+    n = len(frames)
+    time = frames.step * results.timestep
+    _put(position, "step", frames.step, "1")
+    _stamp(_put(position, "time", time * NS_PER_US, "ns"))
+    chunks = (1, system.n_beads, 3) if n else None
+    _stamp(_put(position, "value", frames.positions.reshape(n, system.n_beads, 3) * NM_PER_UM, "nm",
+                chunks=chunks, compression="lzf" if n else None, shuffle=bool(n)))
+    if np.any(system.periodic):
+        edges = box.create_group("edges")
+        size = np.diag((system.box[:, 1] - system.box[:, 0]) * NM_PER_UM)
+        edges["step"], edges["time"] = position["step"], position["time"]
+        _stamp(_put(edges, "value", np.broadcast_to(size, (n, 3, 3)), "nm"))
+    _put(particles, "id", np.arange(system.n_beads), "1")
+    _put(particles, "species", system.filament_type[system.filament_of_bead], "1")
+    _put(f.create_group("observables"), "platen_displacement", frames.displacement_um, "um")
+    _put(f.create_group("connectivity"), "bonds", system.bonds(), "1")
+
+
+def _stamp(data: h5py.Dataset) -> None:
+    data.attrs["unit"] = data.attrs["units"]  # H5MD's own word for it
+
+
+def _write_system(group: h5py.Group, system: FilamentSystem) -> None:
+    for name in ("positions", "filament_start", "closed", "tow", "filament_type", "box", "periodic", "prestrain"):
+        _put(group, name, getattr(system, name), SYSTEM_UNITS.get(name, "1"))
+    types = group.create_group("types")
+    for name, units in TYPE_UNITS.items():
+        _put(types, name, np.array([asdict(t)[name] for t in system.types]), units)
+    _put(group, "provenance", json.dumps(system.provenance), "text")
+
+
+def read_results(path: Path) -> Results:
+    """Read a results file; StoreError when it is missing, damaged or of another schema."""
+    try:
+        with h5py.File(path, "r") as f:
+            schema = f.attrs.get("cgfibre_schema")
+            if schema != SCHEMA:
+                raise StoreError(f"{path}: schema version {schema}, this version reads {SCHEMA}; run cgfibre measure on "
+                                 "its folder to write it again")
+            return _read(f)
+    except FileNotFoundError as error:
+        raise StoreError(f"{path}: no such file") from error
+    except (OSError, KeyError) as error:
+        raise StoreError(f"{path}: not a complete cgfibre results file ({error}); run cgfibre measure on its folder") from error
+
+
+def _text(f: h5py.Group, name: str) -> str:
+    value = f[name][()]
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def _read(f: h5py.File) -> Results:
+    record, position = f["record"], f["particles/filaments/position"]
+    step = position["step"][()]
+    time = position["time"][()] / NS_PER_US
+    moving = step > 0
+    return Results(
+        system=_read_system(f["system"]),
+        curve=Curve({name: record[name][()] for name in CURVE_COLUMNS}, record["phase"][()], record["width_um"][()]),
+        frames=Frames(step, f["observables/platen_displacement"][()], position["value"][()] / NM_PER_UM),
+        timestep=float(time[moving][0] / step[moving][0]) if moving.any() else 0.0,
+        distribution={name: (d[()], str(d.attrs["units"])) for name, d in f["distribution"].items()},
+        scene=_text(f, "scene"),
+        plan=_text(f, "plan"),
+        summary=json.loads(_text(f, "summary")),
+    )
+
+
+def _read_system(group: h5py.Group) -> FilamentSystem:
+    types = group["types"]
+    columns = {name: types[name][()] for name in TYPE_UNITS}
+    count = len(columns["diameter"])
+    return FilamentSystem(
+        **{name: group[name][()] for name in ("positions", "filament_start", "closed", "tow", "filament_type", "box",
+                                              "periodic", "prestrain")},
+        types=tuple(FilamentType(**{name: float(c[i]) for name, c in columns.items()}) for i in range(count)),
+        provenance=json.loads(_text(group, "provenance")),
+    )
+
+
+def open_universe(path: Path) -> MDAnalysis.Universe:
+    """The run as an MDAnalysis Universe with bonds; a residue is a filament, a segment a tow, ``radii`` in Angstrom.
+
+    Lengths are in Angstrom and time in ps, as always in MDAnalysis (1 um = 1e4 Angstrom). Frames are read lazily.
+    """
+    import MDAnalysis as mda
+
+    with h5py.File(path, "r") as f:
+        system = _read_system(f["system"])
+    universe = mda.Universe.empty(
+        system.n_beads,
+        n_residues=system.n_filaments,
+        n_segments=int(system.tow.max()) + 1,
+        atom_resindex=system.filament_of_bead,
+        residue_segindex=system.tow,
+        trajectory=False,
+    )
+    universe.add_TopologyAttr("resids", np.arange(1, system.n_filaments + 1))
+    universe.add_TopologyAttr("names", ["F"] * system.n_beads)
+    universe.add_TopologyAttr("types", (system.filament_type[system.filament_of_bead] + 1).astype(str))
+    universe.add_TopologyAttr("radii", system.diameter[system.filament_of_bead] / 2 * 1e4)
+    universe.add_TopologyAttr("bonds", [tuple(b) for b in system.bonds().tolist()])
+    universe.load_new(str(path), format="H5MD", driver=None)
+    return universe
+
+
+def write_curve(path: Path, curve: Curve) -> None:
+    """curve.csv: the columns of the interface, one row a sample, loading then unloading."""
+    with _replacing(path) as part, part.open("w", newline="") as f:
+        writer = csv.writer(f)
+        writer.writerow(CURVE_COLUMNS)
+        columns = [curve[name] for name in CURVE_COLUMNS]
+        for row in zip(*columns, strict=True):
+            writer.writerow([int(row[0]), *(f"{x:.10g}" for x in row[1:])])
+
+
+def write_json(path: Path, values: Mapping[str, Any]) -> None:
+    """JSON with indentation; non-finite numbers become null, which is what JSON knows."""
+    with _replacing(path) as part:
+        part.write_text(json.dumps(_plain(values), indent=2, allow_nan=False) + "\n")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
