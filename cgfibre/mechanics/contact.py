@@ -112,14 +112,15 @@ class LineContact:
             raise InputError("approach", float(np.max(delta)), f"at most {self.greatest_approach:.4g} um")
         y = delta * self.radius / (4 * self.log_radius**2)
         safe = np.where(y > 0, y, np.exp(-2.0))
-        # at the limit itself rounding may leave the real branch by 1e-16
-        t = np.where(y > 0, -safe / np.real(lambertw(np.maximum(-np.e * safe, -np.exp(-1.0)), -1)), 0.0)
+        # kept off the branch point, where lambertw gives nan
+        branch = np.maximum(-np.e * safe, -np.exp(-1.0) * (1 - 1e-12))
+        t = np.where(y > 0, -safe / np.real(lambertw(branch, -1)), 0.0)
         return 4 * np.pi * self.modulus * self.log_radius**2 * t / self.radius
 
     def secant_stiffness(self, line_load: npt.ArrayLike) -> FloatArray:
         """k' = f/delta at a line load > 0, kPa; the engine's ``hooke`` kn of a bead is k' s.
 
-        The law is nonlinear (carbon: 1.8, 2.3, 3.3, 5.7 GPa at 0.01, 0.1, 1, 10 N/mm): take it at the load that
+        The law is nonlinear (carbon: 1.8, 2.3, 3.3, 6.0 GPa at 0.01, 0.1, 1, 10 N/mm): take it at the load that
         matters.
         """
         return positive("line_load", line_load) / self.approach(line_load)
@@ -186,7 +187,7 @@ def hertz_coefficient(prefactor: npt.ArrayLike, r1: npt.ArrayLike, r2: npt.Array
     """k_n of the engine's ``granular hertz`` so that two beads of radii r1, r2 give F = prefactor delta^(3/2), kPa.
 
     The engine has F = k_n sqrt(R_eff) delta^(3/2) with R_eff = r1 r2/(r1 + r2): beads touch as spheres, while crossing
-    filaments touch as a sphere of R on a plane; so k_n = sqrt(2) 4/3 E* for equal ones.
+    filaments touch as a sphere of R on a plane; so k_n = sqrt(2) 4/3 E* for equal ones (checked in the engine).
     """
     return positive("prefactor", prefactor) / np.sqrt(relative_radius(r1, r2))
 
