@@ -218,16 +218,17 @@ def write_curve(path: Path, curve: Curve) -> None:
 def write_json(path: Path, values: Mapping[str, Any]) -> None:
     """JSON with indentation; non-finite numbers become null, which is what JSON knows."""
     with _replacing(path) as part:
-        part.write_text(json.dumps(_plain(values), indent=2, allow_nan=False) + "\n")
+        part.write_text(json.dumps(plain(values), indent=2, allow_nan=False) + "\n")
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """``value`` as JSON knows it: arrays as lists, non-finite numbers as None."""
     if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
+        return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
+        return [plain(v) for v in value]
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not np.isfinite(value):

@@ -11,7 +11,7 @@ import numpy as np
 from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
 from cgfibre.engine.datafile import DataFile, Topology, group_types
 from cgfibre.errors import InputError
-from cgfibre.plan.model import CONTACT, FREE, GRIP, LEFT, RIGHT, Contact, Plan
+from cgfibre.plan.model import CONTACT, GRIP, LEFT, RIGHT, Contact, Plan
 
 ROLES = 5
 #: largest rest bend for which angle cosine (straight at rest) may stand for a curved shape, rad
@@ -369,4 +369,3 @@ def assemble(system: FilamentSystem, plan: Plan) -> Deck:
     return ASSEMBLERS[plan.level](system, plan)
 
 
-__all__ = ["ASSEMBLERS", "FREE", "Deck", "assemble", "platen_heights", "rest_bends"]

