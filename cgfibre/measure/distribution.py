@@ -183,9 +183,13 @@ def _clip(polygon: FloatArray, normal: FloatArray, offset: float) -> FloatArray:
 
 
 def _clip_all(polygon: FloatArray, normals: FloatArray, offsets: FloatArray) -> FloatArray:
-    for k in np.flatnonzero((polygon @ normals.T > offsets).any(axis=0)):
-        if len(polygon):
-            polygon = _clip(polygon, normals[k], offsets[k])
+    """Part of a convex polygon in all half planes; the deepest cut first leaves most of the others nothing to do."""
+    for _ in range(len(normals)):
+        excess = (polygon @ normals.T - offsets).max(axis=0)
+        deepest = int(np.argmax(excess))
+        if excess[deepest] <= 1e-12 * np.abs(offsets).max():
+            break
+        polygon = _clip(polygon, normals[deepest], offsets[deepest])
     return polygon
 
 

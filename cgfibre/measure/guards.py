@@ -131,7 +131,7 @@ def sections_along(system: FilamentSystem, positions: FloatArray, stations: Floa
 def _turn(before: FloatArray, after: FloatArray) -> FloatArray:
     """Signed angle from one set of (..., 2) vectors to another, in -pi..pi."""
     cross = before[..., 0] * after[..., 1] - before[..., 1] * after[..., 0]
-    return np.arctan2(cross, (before * after).sum(axis=-1))
+    return np.arctan2(cross, before[..., 0] * after[..., 0] + before[..., 1] * after[..., 1])
 
 
 def _chunks(n_pairs: int, n_stations: int) -> Iterator[slice]:
@@ -153,8 +153,10 @@ def _swapped(before: FloatArray, after: FloatArray, pairs: IntArray, diameter: F
     touching = 1.1 * (diameter[pairs[:, 0]] + diameter[pairs[:, 1]]) / 2
     for part in _chunks(len(pairs), before.shape[1]):
         then, now = (yz[pairs[part, 1]] - yz[pairs[part, 0]] for yz in (before, after))
-        near = np.maximum((then**2).sum(axis=-1), (now**2).sum(axis=-1)) < touching[part, None] ** 2
-        pair, station = np.nonzero(near)
+        reach = touching[part, None] ** 2
+        pair, station = np.nonzero(
+            (then[..., 0] ** 2 + then[..., 1] ** 2 < reach) & (now[..., 0] ** 2 + now[..., 1] ** 2 < reach)
+        )
         reversed_ = np.abs(_turn(then[pair, station], now[pair, station])) >= 2 * np.pi / 3
         out[part][pair[reversed_]] = True
     return out
