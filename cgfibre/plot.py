@@ -1,0 +1,641 @@
+"""Figures of a run: curve, sections, filaments in 3D, energies, distribution.
+
+Functions ``plot_*`` draw on an axes and return it; ``figure_*`` lay out a whole figure and return it. They compute
+nothing but layout. One style throughout: colour-blind-safe colours (Okabe and Ito; viridis for values), units in every
+label, 150 dots per inch. Figures are made without pyplot: no display is needed and nothing stays open. Save with
+``fig.savefig(path)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+import numpy as np
+
+from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
+from cgfibre.errors import InputError
+from cgfibre.record import Curve
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.figure import Figure
+
+BLUE, VERMILION, GREEN, GREY, INK = "#0072B2", "#D55E00", "#009E73", "#8C8C8C", "#222222"
+STEEL = "#9AA5B1"
+DPI = 150
+
+#: rcParams of every figure (Any: the stubs of matplotlib list the keys, and they differ by version)
+STYLE: Any = {
+    "font.size": 11,
+    "axes.titlesize": 11.5,
+    "axes.titleweight": "bold",
+    "axes.labelsize": 11,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.linewidth": 0.9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.8,
+    "lines.linewidth": 2.0,
+    "lines.solid_capstyle": "round",
+    "legend.frameon": False,
+    "legend.fontsize": 10,
+    "hatch.linewidth": 0.7,
+    "figure.dpi": DPI,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+}
+
+_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+
+
+def style() -> AbstractContextManager[None]:
+    """Context in which matplotlib has the style of the package."""
+    import matplotlib
+
+    return matplotlib.rc_context(STYLE)
+
+
+def new_figure(width: float = 7.2, height: float = 4.4) -> Figure:
+    """An empty figure in the style of the package, ``width`` x ``height`` inches; add axes with ``fig.add_subplot``."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with style():
+        fig = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+        FigureCanvasAgg(fig)
+        return fig
+
+
+def new_axes(width: float = 7.2, height: float = 4.4) -> Axes:
+    """One axes on a new figure in the style of the package; its figure is ``ax.figure``."""
+    with style():
+        return new_figure(width, height).add_subplot()
+
+
+def _prefix(values: FloatArray, unit: str) -> tuple[float, str]:
+    """Factor and unit with the SI prefix that brings the largest magnitude to 1..1000."""
+    finite = np.abs(values[np.isfinite(values)])
+    largest = float(finite.max(initial=0.0))
+    power = 0 if largest == 0 else int(np.clip(3 * np.floor(np.log10(largest) / 3), -12, 9))
+    return 10.0**-power, _PREFIXES[power] + unit
+
+
+@dataclass(frozen=True)
+class CurveView:
+    """What :func:`plot_curve` shows: ``x`` and ``y``, the bottom platen's force, a logarithmic y, and the error band.
+
+    ``speed_error`` is the relative change of the force on halving the platen speed, drawn as a band about the loading
+    branch.
+    """
+
+    x: Literal["displacement", "thickness"] = "displacement"
+    y: Literal["force", "pressure"] = "force"
+    bottom: bool = True
+    log: bool = False
+    speed_error: float | None = None
+
+
+def plot_curve(ax: Axes, curve: Curve, view: CurveView | None = None, label: str = "") -> Axes:
+    """Force or pressure against displacement or thickness, loading and unloading.
+
+    Thickness runs from right to left, so that compaction always goes to the right. ``label`` names the run in the
+    legend. On a logarithmic axis values that are not above zero are left out.
+    """
+    view = view or CurveView()
+    if view.x not in ("displacement", "thickness") or view.y not in ("force", "pressure"):
+        raise InputError("view", (view.x, view.y), "x displacement or thickness, y force or pressure")
+    x = curve["displacement_um" if view.x == "displacement" else "thickness_um"]
+    top, unit = (curve["force_top_N"], "N") if view.y == "force" else (curve["pressure_MPa"] * 1e6, "Pa")
+    factor, unit = _prefix(top, unit)
+    lines = [(top, BLUE, "top platen" if view.y == "force" else "mean under the platen")]
+    if view.bottom and view.y == "force":
+        lines.append((curve["force_bottom_N"], VERMILION, "bottom platen"))
+    going = ~curve.unloading
+    back = curve.unloading
+    if back.any():
+        # the branch starts where the other ends
+        back = back | (np.arange(len(curve)) == max(int(np.flatnonzero(back)[0]) - 1, 0))
+    with style():
+        for values, colour, name in lines:
+            y = values * factor
+            if view.log:
+                y = np.where(y > 0, y, np.nan)
+            ax.plot(x[going], y[going], color=colour, label=f"{label}: {name}" if label else name)
+            if back.any():
+                ax.plot(x[back], y[back], color=colour, lw=1.5, ls=(0, (4, 1.6)), alpha=0.8)
+        if view.speed_error is not None:
+            y = np.where(top > 0, top, np.nan if view.log else 0.0)[going] * factor
+            band = (y * (1 - view.speed_error), y * (1 + view.speed_error))
+            text = f"±{100 * view.speed_error:.2g} % (halving the platen speed)"
+            ax.fill_between(x[going], *band, color=BLUE, alpha=0.16, lw=0, label=text)
+        if back.any():
+            ax.plot([], [], color=GREY, lw=1.5, ls=(0, (4, 1.6)), label="unloading")
+        ax.set_ylabel(f"{'Force on the platen' if view.y == 'force' else 'Pressure'} ({unit})")
+        ax.set_xlabel("Platen displacement (µm)" if view.x == "displacement" else "Thickness (µm)")
+        if view.log:
+            ax.set_yscale("log")
+        else:
+            ax.axhline(0, color=INK, lw=0.9)
+        if view.x == "thickness" and not ax.xaxis_inverted():
+            ax.invert_xaxis()
+        ax.margins(x=0.01)
+        ax.legend(loc="best")
+    return ax
+
+
+@dataclass(frozen=True)
+class Section:
+    """One section to draw: ``centres`` (n, 2) y and z um, ``diameter`` um (one or n), heights of the platens' faces,
+    and optionally ``values`` (n,) for the colour and a ``title``. A face None: that platen is not there."""
+
+    centres: FloatArray
+    diameter: float | FloatArray
+    z_bottom: float | None = None
+    z_top: float | None = None
+    values: FloatArray | None = None
+    title: str = ""
+
+
+@dataclass(frozen=True)
+class Colours:
+    """Colour scale of the values: ``label`` with unit, range, colour map."""
+
+    label: str
+    low: float
+    high: float
+    cmap: str = "viridis"
+
+    @classmethod
+    def spanning(cls, label: str, *values: FloatArray | None, cmap: str = "viridis") -> Colours:
+        """The range of all values given (finite ones; None is passed over)."""
+        parts = [np.asarray(v, dtype=float).ravel() for v in values if v is not None]
+        found = np.concatenate(parts) if parts else np.empty(0)
+        found = found[np.isfinite(found)]
+        if not len(found):
+            return cls(label, 0.0, 1.0, cmap)
+        low, high = float(found.min()), float(found.max())
+        return cls(label, low, high if high > low else low + 1.0, cmap)
+
+    def mappable(self) -> ScalarMappable:
+        """The scale as matplotlib wants it."""
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import Normalize
+
+        return ScalarMappable(Normalize(self.low, self.high), self.cmap)
+
+
+def _section_limits(sections: Sequence[Section]) -> tuple[float, float, float, float]:
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for s in sections:
+        r = np.broadcast_to(np.asarray(s.diameter, dtype=float) / 2, len(s.centres))[:, None]
+        low = np.minimum(low, np.nanmin(s.centres - r, axis=0))
+        high = np.maximum(high, np.nanmax(s.centres + r, axis=0))
+        platens = [z for z in (s.z_bottom, s.z_top) if z is not None]
+        low[1], high[1] = min([low[1], *platens]), max([high[1], *platens])
+    pad = 0.05 * max(high - low)
+    bar = min(0.07 * max(high - low), 0.3 * (high[1] - low[1]))
+    return low[0] - pad, high[0] + pad, low[1] - bar, high[1] + bar
+
+
+def plot_section(ax: Axes, section: Section, colours: Colours | None = None) -> Axes:
+    """Filament discs at true scale between the platens, coloured by ``section.values`` on the scale ``colours``.
+
+    Platens are hatched bars across the axes. Filaments with nan centres are not drawn. Limits that were set before by
+    ``ax.set_xlim``/``set_ylim`` are kept, so that several sections can share them.
+    """
+    from matplotlib.collections import EllipseCollection
+    from matplotlib.patches import Rectangle
+
+    centres = np.asarray(section.centres, dtype=float)
+    there = np.isfinite(centres).all(axis=1)
+    if centres.ndim != 2 or centres.shape[1] != 2 or not there.any():
+        raise InputError("section.centres", centres.shape, "shape (n, 2) with finite centres")
+    with style():
+        if ax.get_autoscalex_on():
+            y0, y1, z0, z1 = _section_limits([section])
+            ax.set_xlim(y0, y1)
+            ax.set_ylim(z0, z1)
+        diameter = np.broadcast_to(np.asarray(section.diameter, dtype=float), len(centres))[there]
+        if section.values is None:
+            face: Any = STEEL
+        else:
+            scale = (colours or Colours.spanning("", section.values)).mappable()
+            face = scale.to_rgba(np.asarray(section.values, dtype=float)[there])
+        discs = EllipseCollection(
+            diameter,
+            diameter,
+            np.zeros(len(diameter)),
+            units="xy",
+            offsets=centres[there],
+            offset_transform=ax.transData,
+            facecolors=face,
+            edgecolors="white" if len(diameter) > 1000 else INK,
+            linewidths=0.0 if len(diameter) > 1000 else 0.5,
+        )
+        ax.add_collection(discs, autolim=False)
+        (y0, y1), (z0, z1) = ax.get_xlim(), ax.get_ylim()
+        deep = 2 * (z1 - z0)
+        for z, base in ((section.z_bottom, -deep), (section.z_top, 0.0)):
+            if z is not None:
+                bar = (y0 - deep, z + base), y1 - y0 + 2 * deep, deep
+                ax.add_patch(Rectangle(*bar, facecolor="#ECECEC", edgecolor="#A0A0A0", hatch="////", lw=0))
+                ax.axhline(z, color=INK, lw=1.4)
+        ax.set_aspect("equal")
+        ax.grid(False)
+        ax.set_xlabel("y (µm)")
+        ax.set_ylabel("z (µm)")
+        if section.title:
+            ax.set_title(section.title)
+    return ax
+
+
+def figure_sections(sections: Sequence[Section], colours: Colours | None = None) -> Figure:
+    """Sections side by side (wide ones: one above the other) at one scale, with one colour bar; say before, during,
+    after.
+
+    The range of all values is used where ``colours`` is not given. Raises InputError without a section.
+    """
+    if not sections:
+        raise InputError("sections", 0, "one section or more")
+    values = [s.values for s in sections]
+    coloured = any(v is not None for v in values)
+    scale = colours or Colours.spanning("", *values)
+    y0, y1, z0, z1 = _section_limits(sections)
+    aspect, n = (y1 - y0) / (z1 - z0), len(sections)
+    wide = aspect > 2.2 and n > 1
+    panel_width = 8.6 if wide else max(2.6, min(4.0, 12.0 / n))
+    panel_height = panel_width / aspect
+    rows, columns = (n, 1) if wide else (1, n)
+    fig = new_figure(columns * panel_width + (1.9 if coloured else 0.8), rows * (panel_height + 0.45) + 0.55)
+    with style():
+        axes = fig.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+        for ax, section in zip(axes, sections, strict=True):
+            ax.set_xlim(y0, y1)
+            ax.set_ylim(z0, z1)
+            plot_section(ax, section, scale)
+            ax.label_outer()
+        if coloured:
+            bar = fig.colorbar(scale.mappable(), ax=list(axes), shrink=0.9, pad=0.015, aspect=22)
+            bar.set_label(scale.label, labelpad=7)
+            bar.outline.set_visible(False)
+    return fig
+
+
+def plot_energy(ax: Axes, curve: Curve) -> Axes:
+    """Where the work of the platen went, over time: stored, kinetic, and the remainder (friction and damping), stacked.
+
+    The remainder is work - stored - kinetic; where it is negative the stack passes above the line of the work.
+    """
+    with style():
+        factor, unit = _prefix(curve["work_J"], "J")
+        late, time_unit = _prefix(curve["time_us"] * 1e-6, "s")
+        t = curve["time_us"] * 1e-6 * late
+        work, stored, kinetic = (curve[k] * factor for k in ("work_J", "stored_J", "kinetic_J"))
+        ax.fill_between(t, 0, stored, color=BLUE, alpha=0.55, lw=0, label="stored in the filaments and contacts")
+        ax.fill_between(t, stored, stored + kinetic, color=VERMILION, alpha=0.9, lw=0, label="kinetic")
+        dissipated = np.maximum(work, stored + kinetic)
+        ax.fill_between(
+            t, stored + kinetic, dissipated, color="#E69F00", alpha=0.45, lw=0, label="friction and damping"
+        )
+        ax.plot(t, work, color=INK, lw=1.8, label="work of the platen")
+        if curve.unloading.any():
+            turn = t[np.flatnonzero(curve.unloading)[0]]
+            ax.axvline(turn, color=GREY, lw=1.0, ls=":")
+            ax.annotate(
+                "unloading",
+                (turn, 0.0),
+                xycoords=("data", "axes fraction"),
+                xytext=(4, 5),
+                textcoords="offset points",
+                color=INK,
+                fontsize=9.5,
+            )
+        if min(work.min(), stored.min()) >= 0:
+            ax.set_ylim(bottom=0)
+        else:
+            ax.axhline(0, color=INK, lw=0.9)
+        ax.set_xlabel(f"Time ({time_unit})")
+        ax.set_ylabel(f"Energy ({unit})")
+        ax.margins(x=0.01)
+        ax.legend(loc="upper left")
+    return ax
+
+
+class GaussianCoordinates(Protocol):
+    """What :func:`figure_distribution` draws (``measure.distribution.Distribution`` is one): ``coordinates`` (n, 2),
+    normalised; ``mean`` and ``sd`` (2,)."""
+
+    @property
+    def coordinates(self) -> FloatArray: ...  # noqa: D102
+    @property
+    def mean(self) -> FloatArray: ...  # noqa: D102
+    @property
+    def sd(self) -> FloatArray: ...  # noqa: D102
+
+
+def figure_distribution(before: GaussianCoordinates, after: GaussianCoordinates) -> Figure:
+    """Histograms of the normalised y and z of the filaments before and after, with their Gaussian fits (thesis Fig
+    7-19).
+
+    Both states on the same bins; the legend gives mean and s.d. A coordinate without spread has no curve.
+    """
+    fig = new_figure(9.2, 3.9)
+    with style():
+        axes = fig.subplots(1, 2, sharey=True)
+        for axis, (ax, name) in enumerate(zip(axes, ("y", "z"), strict=True)):
+            both = np.concatenate([before.coordinates[:, axis], after.coordinates[:, axis]])
+            reach = 1.05 * max(1.0, float(np.abs(both).max()))
+            n_bins = int(np.clip(2 * np.cbrt(len(both) / 2), 9, 41))
+            bins = np.linspace(-reach, reach, n_bins + (1 - n_bins % 2) + 1)
+            x = np.linspace(-1.15 * reach, 1.15 * reach, 301)
+            for state, colour, when in ((before, GREY, "before"), (after, BLUE, "after")):
+                mean = round(float(state.mean[axis]), 2) + 0.0  # no minus zero
+                text = f"{when}: mean {mean:.2f}, s.d. {state.sd[axis]:.2f}".replace("-", "−")
+                data = state.coordinates[:, axis]
+                ax.hist(data, bins, density=True, color=colour, alpha=0.35, lw=0, label=text)
+                if state.sd[axis] > 0:
+                    z = (x - state.mean[axis]) / state.sd[axis]
+                    ax.plot(x, np.exp(-(z**2) / 2) / (state.sd[axis] * np.sqrt(2 * np.pi)), color=colour)
+            ax.set_xlabel(f"Normalised {name} (1)")
+            ax.legend(loc="upper left", handlelength=1.2)
+        axes[0].set_ylim(0, 1.28 * axes[0].get_ylim()[1])
+        axes[0].set_ylabel("Probability density (1)")
+        axes[0].set_title("across the compaction", loc="left")
+        axes[1].set_title("along the compaction", loc="left")
+    return fig
+
+
+@dataclass(frozen=True)
+class PlatenFace:
+    """Face of a platen in the 3D view: height ``z`` um, if it is the top one, extents in x and y, um (inf: all)."""
+
+    z: float
+    above: bool
+    x: tuple[float, float] = (-np.inf, np.inf)
+    y: tuple[float, float] = (-np.inf, np.inf)
+
+
+@dataclass(frozen=True)
+class BundleView:
+    """What :func:`figure_bundle_3d` shows.
+
+    ``values`` (n_filaments,) or (n_beads,) coloured on ``colours``; ``platens`` outlined; y and z (diameters included)
+    drawn ``exaggeration`` times larger than x, and said so on the figure; ``azimuth`` and ``elevation`` in degrees of
+    the eye about z and above the x-y plane (-90, 0 looks along y).
+    """
+
+    values: FloatArray | None = None
+    colours: Colours | None = None
+    platens: tuple[PlatenFace, ...] = ()
+    exaggeration: float = 1.0
+    azimuth: float = -62.0
+    elevation: float = 20.0
+    title: str = ""
+
+
+@dataclass(frozen=True)
+class _Camera:
+    """Parallel projection: rows right, up, towards the eye; y and z stretched before."""
+
+    axes: FloatArray
+    stretch: FloatArray
+
+    @classmethod
+    def of(cls, view: BundleView) -> _Camera:
+        a, e = np.radians([view.azimuth, view.elevation])
+        eye = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
+        right = np.array([-np.sin(a), np.cos(a), 0.0])
+        return cls(np.stack([right, np.cross(eye, right), eye]), np.array([1, view.exaggeration, view.exaggeration]))
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        return (np.asarray(points, dtype=float) * self.stretch) @ self.axes.T
+
+
+@dataclass(frozen=True)
+class _Tubes:
+    """Points close together along the filaments, as the camera sees them, with radius and tangent."""
+
+    points: FloatArray
+    tangent: FloatArray
+    radius: float
+    bead: IntArray
+    filament: IntArray
+
+
+#: pixels touched at most (a second or so); larger systems are drawn coarser
+_PIXEL_BUDGET = 16_000_000
+
+
+def _tubes(system: FilamentSystem, positions: FloatArray, camera: _Camera, step: float) -> _Tubes:
+    bonds = system.bonds()
+    bonds = bonds[bonds[:, 1] > bonds[:, 0]]  # a closing bond would cross the picture
+    seen = camera(positions)
+    d = seen[bonds[:, 1]] - seen[bonds[:, 0]]
+    length = np.linalg.norm(d, axis=1)
+    n = np.maximum(1, np.ceil(np.linalg.norm(d[:, :2], axis=1) / step)).astype(np.int64)
+    bond = np.repeat(np.arange(len(bonds)), n)
+    share = (np.arange(len(bond)) - np.repeat(np.cumsum(n) - n, n) + 0.5) / n[bond]
+    return _Tubes(
+        points=seen[bonds[bond, 0]] + share[:, None] * d[bond],
+        tangent=(d / np.where(length > 0, length, 1.0)[:, None])[bond],
+        radius=float(system.diameter.mean()) / 2 * float(camera.stretch[1]),
+        bead=bonds[bond, 0] + (share > 0.5),
+        filament=system.filament_of_bead[bonds[bond, 0]],
+    )
+
+
+def _render(tubes: _Tubes, base: FloatArray, origin: FloatArray, shape: tuple[int, int], pixel: float) -> FloatArray:
+    """(rows, columns, 4) image of shaded tubes by a depth buffer: every point is a ball, shaded as its tube."""
+    rows, columns = shape
+    place = (tubes.points[:, :2] - origin) / pixel
+    corner = np.floor(place).astype(np.int64)
+    reach = int(np.ceil(tubes.radius / pixel))
+    offsets = np.array([(i, j) for i in range(-reach, reach + 1) for j in range(-reach, reach + 1)])
+    r = tubes.radius / pixel
+    depth = tubes.points[:, 2] / pixel
+    depth = depth - depth.min() + r + 1
+    # depth in the high bits, then the point: the largest is what the eye meets
+    levels = (2.0**30) / (depth.max() + r + 1)
+    nearest = np.zeros(rows * columns, dtype=np.int64)
+    index = np.arange(len(place), dtype=np.int64)
+    for i, j in offsets:
+        at = corner + np.array((i, j))
+        dx, dy = at[:, 0] + 0.5 - place[:, 0], at[:, 1] + 0.5 - place[:, 1]
+        lift = r * r - dx * dx - dy * dy
+        use = (lift > 0) & (at[:, 0] >= 0) & (at[:, 0] < columns) & (at[:, 1] >= 0) & (at[:, 1] < rows)
+        height = depth[use] + np.sqrt(lift[use])
+        key = ((height * levels).astype(np.int64) << 32) | index[use]
+        np.maximum.at(nearest, at[use, 1] * columns + at[use, 0], key)
+    hit = np.flatnonzero(nearest)
+    point = nearest[hit] & 0xFFFFFFFF
+    normal = np.empty((len(hit), 3))
+    normal[:, 0] = (hit % columns + 0.5 - place[point, 0]) / r
+    normal[:, 1] = (hit // columns + 0.5 - place[point, 1]) / r
+    normal[:, 2] = np.sqrt(np.maximum(1 - normal[:, 0] ** 2 - normal[:, 1] ** 2, 0))
+    tangent = tubes.tangent[point]
+    normal -= (normal * tangent).sum(axis=1, keepdims=True) * tangent
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+    light = np.array([-0.35, 0.75, 0.56])
+    halfway = light + np.array([0, 0, 1])
+    halfway /= np.linalg.norm(halfway)
+    diffuse = np.clip(normal @ light, 0, 1)
+    shine = np.clip(normal @ halfway, 0, 1) ** 28
+    # a dark rim parts one filament from the next, a jump in depth deepens it
+    surface = (nearest >> 32).reshape(shape) / levels
+    fall = np.zeros(shape)
+    for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        fall = np.maximum(fall, np.roll(surface, shift, axis) - surface)
+    shadow = 1 - 0.5 * np.clip(fall.ravel()[hit] / (2 * r), 0, 1)
+    bright = (0.38 + 0.72 * diffuse) * (0.55 + 0.45 * normal[:, 2]) * shadow
+    image = np.zeros((rows * columns, 4))
+    image[hit, :3] = np.clip(base[point] * bright[:, None] + 0.22 * (shine * shadow)[:, None], 0, 1)
+    image[hit, 3] = 1
+    return image.reshape(rows, columns, 4)
+
+
+def _draw_platens(ax: Axes, view: BundleView, camera: _Camera, positions: FloatArray, depth: float) -> FloatArray:
+    """Draw the outlines; (n, 3) their corners."""
+    from matplotlib.patches import Polygon
+
+    drawn = np.empty((0, 3))
+
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    margin = 0.06 * max(high[1] - low[1], high[2] - low[2], 1e-9)
+    for face in view.platens:
+        x = np.clip(face.x, low[0] - margin, high[0] + margin)
+        y = np.clip(face.y, low[1] - 2 * margin, high[1] + 2 * margin)
+        back = face.z + (depth if face.above else -depth)
+        ring = np.array([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])])
+        lower, upper = (np.column_stack([ring, np.full(4, z)]) for z in sorted((face.z, back)))
+        sides = [np.array([lower[k], lower[(k + 1) % 4], upper[(k + 1) % 4], upper[k]]) for k in range(4)]
+        centre = (lower.mean(axis=0) + upper.mean(axis=0)) / 2
+        for quad in (lower, upper, *sides):
+            drawn = np.concatenate([drawn, quad])
+            outward = (quad.mean(axis=0) - centre) @ camera.axes[2]
+            front = outward > 0
+            if not front and not (face.above and quad is lower):
+                continue
+            ax.add_patch(
+                Polygon(
+                    camera(quad)[:, :2],
+                    facecolor=(0.62, 0.66, 0.70, 0.16 if face.above else 0.35),
+                    edgecolor=(0.2, 0.22, 0.25, 0.75),
+                    lw=0.9,
+                    zorder=3 if face.above else 1,
+                    joinstyle="round",
+                )
+            )
+    return drawn
+
+
+def _draw_scale(ax: Axes, view: BundleView, camera: _Camera, points: FloatArray) -> FloatArray:
+    """Bar of a round length along x below everything at ``points`` (n, 3), the axes beside it; (n, 2) points drawn."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    seen = camera(points)[:, :2]
+    size = float(np.ptp(seen[:, 0]))
+    along = camera.axes[:2, 0]
+    nice = 10 ** np.floor(np.log10((high[0] - low[0]) / 3))
+    bar = nice * max(k for k in (1, 2, 5) if k == 1 or k * nice <= (high[0] - low[0]) / 3)
+    near = camera(low)[:2] - [0, 0.03 * size]
+    ends = np.array([near, near + bar * along])
+    ax.plot(ends[:, 0], ends[:, 1], color=INK, lw=3, solid_capstyle="butt", zorder=4)
+    words = f"{bar:g} µm along x" if bar < 1000 else f"{bar / 1000:g} mm along x"
+    if view.exaggeration != 1:
+        words += f"; y and z drawn {view.exaggeration:g} times larger"
+    ax.annotate(
+        words,
+        (near[0], near[1]),
+        (0, -6),
+        textcoords="offset points",
+        ha="left",
+        va="top",
+        rotation=float(np.degrees(np.arctan2(along[1], along[0]))),
+        rotation_mode="anchor",
+    )
+    arrow = 0.055 * size
+    root = np.array([seen[:, 0].max() + 0.02 * size, seen[:, 1].min() + 0.3 * arrow])
+    tips = root + arrow * camera.axes[:2].T
+    for tip, name in zip(tips, "xyz", strict=True):
+        arrowprops = {"arrowstyle": "-|>", "color": INK, "lw": 1.2, "shrinkA": 0, "shrinkB": 0}
+        ax.annotate("", (tip[0], tip[1]), (root[0], root[1]), arrowprops=arrowprops)
+        out = root + 1.3 * (tip - root)
+        ax.text(out[0], out[1], name, ha="center", va="center", style="italic")
+    return np.concatenate([ends, tips])
+
+
+def figure_bundle_3d(system: FilamentSystem, positions: FloatArray, view: BundleView | None = None) -> Figure:
+    """The filaments as shaded tubes in parallel projection, hidden parts hidden, with the platens' outline.
+
+    ``positions`` (n_beads, 3) um. True to scale unless ``view.exaggeration`` says otherwise. A bond that closes a
+    periodic filament is not drawn. Raises InputError for sections, non-finite positions or values of another length.
+    """
+    from matplotlib.colors import to_rgb
+
+    view = view or BundleView()
+    if not len(system.bonds()):
+        raise InputError("system", "one bead a filament", "filaments of two beads or more (draw sections in 2D)")
+    if positions.shape != (system.n_beads, 3) or not np.all(np.isfinite(positions)):
+        raise InputError("positions", positions.shape, f"shape ({system.n_beads}, 3), finite")
+    camera = _Camera.of(view)
+    radius = float(system.diameter.mean()) / 2 * view.exaggeration
+    seen = camera(positions)[:, :2]
+    low, high = seen.min(axis=0) - 1.5 * radius, seen.max(axis=0) + 1.5 * radius
+    pixel = float((high[0] - low[0]) / 2100)
+    bonds = system.bonds()
+    run = float(np.linalg.norm(seen[bonds[:, 1]] - seen[bonds[:, 0]], axis=1).sum())
+    for _ in range(8):
+        step = max(0.5 * radius, pixel)
+        if run / step * (2 * np.ceil(radius / pixel) + 1) ** 2 <= _PIXEL_BUDGET:
+            break
+        pixel *= 1.25
+    tubes = _tubes(system, positions, camera, step)
+    colours = view.colours
+    if view.values is None:
+        # slightly different greys tell neighbours apart
+        tone = 0.88 + 0.24 * np.modf(np.arange(system.n_filaments) * 0.618)[0]
+        base = np.asarray(to_rgb(STEEL)) * tone[tubes.filament][:, None]
+    else:
+        values = np.asarray(view.values, dtype=float)
+        if values.shape not in ((system.n_filaments,), (system.n_beads,)):
+            raise InputError("view.values", values.shape, f"{system.n_filaments} or {system.n_beads} values")
+        colours = colours or Colours.spanning("", values)
+        each = values[tubes.bead] if values.shape == (system.n_beads,) else values[tubes.filament]
+        base = np.asarray(colours.mappable().to_rgba(each))[:, :3]
+    shape = (int(np.ceil((high[1] - low[1]) / pixel)), int(np.ceil((high[0] - low[0]) / pixel)))
+    image = _render(tubes, base, low, shape, pixel)
+
+    fig = new_figure(10.0, 4.0)
+    with style():
+        ax = fig.add_subplot()
+        extent = (low[0], low[0] + shape[1] * pixel, low[1], low[1] + shape[0] * pixel)
+        ax.imshow(image, origin="lower", extent=extent, interpolation="antialiased", zorder=2)
+        corners = positions.min(axis=0), positions.max(axis=0)
+        faces = _draw_platens(ax, view, camera, positions, depth=0.22 * float((corners[1] - corners[0])[1:].max()))
+        points = np.concatenate([faces, positions])
+        scale = _draw_scale(ax, view, camera, points)
+        drawn = np.concatenate([scale, camera(points)[:, :2], [low, high]])
+        ax.set_aspect("equal")
+        ax.set_axis_off()
+        if view.title:
+            ax.set_title(view.title)
+        pad = 0.02 * float(np.ptp(drawn[:, 0]))
+        ax.set_xlim(drawn[:, 0].min() - pad, drawn[:, 0].max() + 2 * pad)
+        ax.set_ylim(drawn[:, 1].min() - 2 * pad, drawn[:, 1].max() + pad)
+        (x0, x1), (y0, y1) = ax.get_xlim(), ax.get_ylim()
+        fig.set_size_inches(10.0, float(np.clip(9.2 * (y1 - y0) / (x1 - x0) + 0.5, 2.4, 8.0)))
+        if view.values is not None and colours is not None:
+            bar = fig.colorbar(colours.mappable(), ax=ax, shrink=0.75, pad=0.01, aspect=20)
+            bar.set_label(colours.label, labelpad=7)
+            bar.outline.set_visible(False)
+    return fig
