@@ -118,20 +118,26 @@ def _common(system: FilamentSystem, plan: Plan) -> dict[str, float | int | str]:
     return values
 
 
-def _crimp(plan: Plan, top: float, bottom: float) -> dict[str, float | int | str]:
-    """Cylinders that touch the flat heights: convex ones at mid-span, concave ones at the platen's edges."""
+def crimp_cylinders(plan: Plan, top: float, bottom: float) -> tuple[float, float]:
+    """z of the axes of the crimped platens' cylinders, um: convex ones touch the flat heights at mid-span, concave ones
+    at the platen's edges."""
     p = plan.platens
     span = p.top_span or (0.0, 2 * p.crimp_centre)
     half = (span[1] - span[0]) / 2
-    radius = p.crimp_radius
-    offset = radius if p.convex else -math.sqrt(radius**2 - half**2)
+    offset = p.crimp_radius if p.convex else -math.sqrt(p.crimp_radius**2 - half**2)
+    return top + offset, bottom - offset
+
+
+def _crimp(plan: Plan, top: float, bottom: float) -> dict[str, float | int | str]:
+    p = plan.platens
+    top_z, bottom_z = crimp_cylinders(plan, top, bottom)
     side = "out" if p.convex else "in"
     return {
-        "crimp_radius_um": radius,
+        "crimp_radius_um": p.crimp_radius,
         "crimp_centre_x_um": p.crimp_centre,
-        "top_cylinder_z_um": top + offset,
+        "top_cylinder_z_um": top_z,
         "top_cylinder_side": side,
-        "bottom_cylinder_z_um": bottom - offset,
+        "bottom_cylinder_z_um": bottom_z,
         "bottom_cylinder_side": side,
         "bottom_crimped": int(p.bottom_crimped),
     }

@@ -1,0 +1,105 @@
+"""The pictures a run leaves in its folder, drawn from arrays by :mod:`cgfibre.plot`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cgfibre import plot
+from cgfibre.build.system import FilamentSystem
+from cgfibre.engine.assemble import platen_heights
+from cgfibre.measure import distribution
+from cgfibre.plan.model import Plan
+from cgfibre.record import Curve, Frames
+from cgfibre.review import mid_plane
+from cgfibre.scene import Scene
+
+
+def frames_to_show(frames: Frames) -> list[tuple[int, str]]:
+    """(frame, title) before, half-way, at the largest displacement and, if the platen went back, at the end."""
+    d = frames.displacement_um
+    peak = int(np.argmax(d))
+    half = int(np.argmin(np.abs(d[: peak + 1] - d[peak] / 2)))
+    shown = [(0, "as built"), (half, f"pressed by {d[half]:.3g} µm"), (peak, f"pressed by {d[peak]:.3g} µm")]
+    if len(frames) - 1 > peak and d[-1] < d[peak]:
+        shown.append((len(frames) - 1, f"unloaded to {d[-1]:.3g} µm"))
+    return shown
+
+
+def draw_all(
+    out: Path, scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames, summary: dict[str, Any]
+) -> list[Path]:
+    """Write curve.png, pressure.png, energy.png, sections.png, distribution.png and bundle.png; returns their paths."""
+    made = [_curve(out, scene, curve, summary), _pressure(out, scene, curve, summary), _energy(out, curve)]
+    if len(frames) < 2 or not np.all(np.isfinite(frames.positions)):
+        return made
+    shown = frames_to_show(frames)
+    x, d = mid_plane(scene, plan), float(np.max(system.diameter))
+    top, bottom = platen_heights(system, plan)
+    flat = plan.platens.shape != "crimped"
+    sections = []
+    for k, title in shown:
+        centres = distribution.section_at(system, frames.positions[k], x)
+        local = distribution.local_volume_fraction(centres, d) if len(centres) >= 3 else None
+        shift = float(frames.displacement_um[k])
+        sections.append(plot.Section(centres, d, bottom if flat else None, top - shift if flat else None, local, title))
+    colours = plot.Colours.spanning("local fibre volume fraction", *(s.values for s in sections))
+    made.append(_save(plot.figure_sections(sections, colours), out / "sections.png"))
+    peak = shown[2][0]
+    if system.n_filaments >= 3:
+        before = distribution.section_at(system, frames.positions[0], x)
+        reference = distribution.normalisation(before, d)
+        after = distribution.section_at(system, frames.positions[peak], x)
+        made.append(_save(plot.figure_distribution(
+            distribution.fit_distribution(before, reference), distribution.fit_distribution(after, reference)),
+            out / "distribution.png"))
+    if plan.level != "section":
+        made.append(_bundle(out, scene, plan, system, frames, peak, (top, bottom)))
+    return made
+
+
+def _save(figure: Any, path: Path) -> Path:
+    figure.savefig(path)
+    return path
+
+
+def _title(scene: Scene, summary: dict[str, Any]) -> str:
+    error = summary.get("speed_error")
+    name = scene.name or "scene"
+    return name if error is None else f"{name}: force within {error:.1%} on halving the platen speed (mean)"
+
+
+def _curve(out: Path, scene: Scene, curve: Curve, summary: dict[str, Any]) -> Path:
+    ax = plot.new_axes()
+    plot.plot_curve(ax, curve, plot.CurveView(speed_error=summary.get("speed_error")))
+    ax.set_title(_title(scene, summary))
+    return _save(ax.figure, out / "curve.png")
+
+
+def _pressure(out: Path, scene: Scene, curve: Curve, summary: dict[str, Any]) -> Path:
+    ax = plot.new_axes()
+    plot.plot_curve(ax, curve, plot.CurveView(x="thickness", y="pressure", log=True, speed_error=summary.get("speed_error")))
+    ax.set_title(_title(scene, summary))
+    return _save(ax.figure, out / "pressure.png")
+
+
+def _energy(out: Path, curve: Curve) -> Path:
+    ax = plot.new_axes()
+    plot.plot_energy(ax, curve)
+    return _save(ax.figure, out / "energy.png")
+
+
+def _bundle(
+    out: Path, scene: Scene, plan: Plan, system: FilamentSystem, frames: Frames, k: int, heights: tuple[float, float]
+) -> Path:
+    span = plan.platens.top_span or (0.0, scene.assembly.length)
+    lower = plan.platens.bottom_span or (0.0, scene.assembly.length)
+    positions = frames.positions[k]
+    low, high = positions[:, 1].min(), positions[:, 1].max()
+    faces = () if plan.platens.shape == "crimped" else (
+        plot.PlatenFace(heights[0] - float(frames.displacement_um[k]), span, (low, high)),
+        plot.PlatenFace(heights[1], lower, (low, high)))
+    view = plot.BundleView(platens=faces, title=f"pressed by {frames.displacement_um[k]:.3g} µm")
+    return _save(plot.figure_bundle_3d(system, positions, view), out / "bundle.png")

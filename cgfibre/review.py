@@ -1,0 +1,225 @@
+"""Judge and measure a finished run: guards, statistics of every frame, fits of the curve. Arrays in, numbers out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cgfibre.build.system import FilamentSystem, FloatArray
+from cgfibre.engine.assemble import crimp_cylinders, platen_heights
+from cgfibre.engine.collect import Extremes
+from cgfibre.errors import InputError
+from cgfibre.measure import compaction, distribution, guards
+from cgfibre.measure.contacts import CylinderPlaten, FlatPlaten, filament_contacts
+from cgfibre.measure.guards import Guard
+from cgfibre.plan.contact import OVERLAP_LIMIT
+from cgfibre.plan.model import Plan
+from cgfibre.plan.motion import REFERENCE_DISPLACEMENT
+from cgfibre.record import Curve, Frames
+from cgfibre.scene import Scene
+
+#: largest kinetic energy over work beyond the reference displacement
+ENERGY_LIMIT = 0.05
+#: largest turn of a section's disc: its spring's torque k sin(turn) is then 4 % below k turn
+TURN_LIMIT = 0.5
+#: surfaces this far apart (over D) count as neighbours in the coordination number
+TOUCHING = 0.02
+
+Gap = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True)
+class Review:
+    """What was measured: guards, statistics (name -> values a frame, units), fits of the loading curve."""
+
+    guards: tuple[Guard, ...]
+    statistics: dict[str, tuple[np.ndarray, str]]
+    fits: dict[str, Any]
+    energy_ratio: float | None
+
+    @property
+    def ok(self) -> bool:
+        """No guard failed."""
+        return all(g.ok for g in self.guards)
+
+
+def mid_plane(scene: Scene, plan: Plan) -> float:
+    """x of the plane under the middle of the platen, um."""
+    return 0.0 if plan.level == "section" else scene.assembly.length / 2
+
+
+def platen_gaps(plan: Plan, system: FilamentSystem, displacement: float) -> tuple[Gap, Gap]:
+    """Gap functions of the top and the bottom platen at a displacement of the top one, um."""
+    top, bottom = platen_heights(system, plan)
+    p = plan.platens
+    everywhere = (-math.inf, math.inf)
+    top_span, bottom_span = p.top_span or everywhere, p.bottom_span or everywhere
+    if p.shape != "crimped":
+        return FlatPlaten(top - displacement, True, top_span), FlatPlaten(bottom, False, bottom_span)
+    top_z, bottom_z = crimp_cylinders(plan, top, bottom)
+    upper = CylinderPlaten(p.crimp_centre, top_z - displacement, p.crimp_radius, p.convex, top_span)
+    lower: Gap = FlatPlaten(bottom, False, bottom_span)
+    if p.bottom_crimped:
+        lower = CylinderPlaten(p.crimp_centre, bottom_z, p.crimp_radius, p.convex, bottom_span)
+    return upper, lower
+
+
+def review_run(
+    scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames, extremes: Extremes | None
+) -> Review:
+    """All guards, statistics and fits of a run, finished or cut short."""
+    found = list(_guards(plan, system, curve, frames))
+    if extremes is not None and len(extremes.closest):
+        found += _extreme_guards(plan, system, extremes)
+    start = REFERENCE_DISPLACEMENT * float(np.max(system.diameter))
+    ratio = None
+    if np.any(curve["displacement_um"] >= start):
+        energy = guards.quasi_static(curve, start, ENERGY_LIMIT)
+        found.append(energy)
+        ratio = energy.value
+    return Review(tuple(found), frame_statistics(scene, plan, system, frames), fit_curve(plan, curve), ratio)
+
+
+def _guards(plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames) -> list[Guard]:
+    found = [guards.finite(curve, frames)]
+    if len(frames):
+        found.append(guards.lost_beads(system.n_beads, int(np.sum(np.isfinite(frames.positions[-1]).all(axis=1)))))
+    if not found[0].ok or not all(g.ok for g in found) or len(frames) == 0:
+        return found  # geometry of what is not finite says nothing
+    found.append(guards.filaments_through_each_other(system, frames))
+    gaps = [platen_gaps(plan, system, float(d)) for d in frames.displacement_um]
+    found.append(guards.beads_past_platen(_engaged(plan, system, frames), gaps))
+    found.append(guards.force_balance(curve, applies=plan.beads.support == "periodic"))
+    return found
+
+
+def _engaged(plan: Plan, system: FilamentSystem, frames: Frames) -> Frames:
+    """Frames with the beads that platens act on alone: supports and far field stand apart."""
+    if plan.level == "section":
+        return frames
+    role = np.tile(plan.beads.role, system.n_filaments)
+    return Frames(frames.step, frames.displacement_um, frames.positions[:, role == 0])
+
+
+def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> list[Guard]:
+    """Guards on every sample of the run, not on the few frames alone."""
+    d = float(np.max(system.diameter))
+    overlap = float(np.max(1 - extremes.closest / d, initial=0.0))
+    found = [Guard("overlap of filaments", overlap <= OVERLAP_LIMIT, overlap, OVERLAP_LIMIT,
+                   f"filaments overlap by {overlap:.1%} of a diameter (limit {OVERLAP_LIMIT:.0%}): the softened contact takes "
+                   "up thickness; lower contact.softening")]
+    if plan.platens.shape != "crimped":
+        top, bottom = platen_heights(system, plan)
+        reach = np.maximum(extremes.z_hi + d / 2 - (top - extremes.displacement), bottom - (extremes.z_lo - d / 2))
+        if plan.platens.bottom_span != plan.platens.top_span:
+            reach = extremes.z_hi + d / 2 - (top - extremes.displacement)
+        depth = float(np.max(reach)) / d
+        found.append(Guard("overlap with a platen", depth <= OVERLAP_LIMIT, depth, OVERLAP_LIMIT,
+                           f"filaments reach {depth:.1%} of a diameter into a platen (limit {OVERLAP_LIMIT:.0%}); lower "
+                           "contact.softening" if depth <= 0.5 else
+                           f"a filament's axis passed a platen ({depth:.1%} of a diameter deep): the platen has lost it"))
+    if plan.level == "section" and plan.springs[1] > 0:
+        turn = float(np.max(extremes.turn))
+        found.append(Guard("turn of discs", turn <= TURN_LIMIT, turn, TURN_LIMIT,
+                           f"a disc turned by {turn:.2g} rad (limit {TURN_LIMIT} rad): its torsional spring is too soft there"))
+    return found
+
+
+def frame_statistics(
+    scene: Scene, plan: Plan, system: FilamentSystem, frames: Frames
+) -> dict[str, tuple[np.ndarray, str]]:
+    """Distribution of the filaments under the middle of the platen and their contacts, one row a frame."""
+    x = mid_plane(scene, plan)
+    d = float(np.max(system.diameter))
+    rows: list[dict[str, Any]] = []
+    reference = None
+    first_area = 0.0
+    for positions in frames.positions:
+        if not np.all(np.isfinite(positions)):
+            break
+        centres = distribution.section_at(system, positions, x)
+        width, thickness = distribution.bundle_size(centres, d)
+        area = distribution.polygon_area(distribution.outline(centres, d))
+        row: dict[str, Any] = {"width": width, "thickness": thickness, "outline_area": area}
+        if len(centres) >= 3:
+            if reference is None:
+                reference, first_area = distribution.normalisation(centres, d), area
+            fit = distribution.fit_distribution(centres, reference)
+            local = distribution.local_volume_fraction(centres, d)
+            near = distribution.nearest_neighbour_distance(centres)
+            row |= {
+                "mean": fit.mean, "sd": fit.sd, "gaussian_r_squared": fit.r_squared, "gaussian_ks": fit.ks_distance,
+                "area_strain": float(distribution.area_strain(area, first_area)),
+                "local_volume_fraction_mean": float(np.mean(local)), "local_volume_fraction_sd": float(np.std(local)),
+                "coordination_mean": float(np.mean(distribution.coordination_number(centres, d, TOUCHING * d))),
+                "nearest_neighbour_mean": float(np.mean(near)), "nearest_neighbour_least": float(np.min(near)),
+            }
+        row |= _contact_row(plan, system, positions)
+        rows.append(row)
+    units = {"width": "um", "thickness": "um", "outline_area": "um2", "nearest_neighbour_mean": "um",
+             "nearest_neighbour_least": "um", "contact_force_mean": "nN", "contact_force_largest": "nN"}
+    if not rows:
+        return {}
+    statistics = {name: (np.array([row[name] for row in rows]), units.get(name, "1")) for name in rows[0]}
+    statistics["displacement"] = (frames.displacement_um[: len(rows)], "um")
+    return statistics
+
+
+def contact_length(plan: Plan, system: FilamentSystem) -> FloatArray:
+    """(n_beads,) length of contact line that a bead stands for, um; 0 where beads do not touch."""
+    if plan.level == "section":
+        return np.full(system.n_beads, plan.depth)
+    role = np.tile(plan.beads.role, system.n_filaments)
+    return np.where(role == 0, plan.spacing, 0.0)
+
+
+def _contact_row(plan: Plan, system: FilamentSystem, positions: FloatArray) -> dict[str, Any]:
+    stiffness = plan.contact.line_stiffness / plan.contact.softening if plan.contact.law == "hooke" else 0.0
+    contacts = filament_contacts(system, positions, stiffness, contact_length(plan, system))
+    if plan.platens.top_span is not None:
+        contacts = contacts.within(*plan.platens.top_span)
+    row: dict[str, Any] = {"contact_count": len(contacts)}
+    if stiffness:
+        row |= {"contact_force_mean": float(np.mean(contacts.force)) if len(contacts) else 0.0,
+                "contact_force_largest": float(np.max(contacts.force, initial=0.0))}
+    return row
+
+
+def fit_curve(plan: Plan, curve: Curve) -> dict[str, Any]:
+    """Power law eps = a p^b over the quasi-static part of the loading branch, tangent modulus there, hysteresis."""
+    loading = curve.loading & (curve["force_top_N"] > plan.motion.quasi_static_force * 1e-9)
+    thickness = float(curve["thickness_um"][0])
+    fits: dict[str, Any] = {}
+    strain = compaction.compressive_strain(curve["displacement_um"], thickness)
+    try:
+        law = compaction.fit_power_law(curve["pressure_MPa"][loading], strain[loading])
+    except InputError:
+        return fits
+    last = float(strain[loading][-1])
+    fits["power_law"] = {
+        "a": law.a, "b": law.b, "a_error": law.a_error, "b_error": law.b_error, "r_squared": law.r_squared,
+        "window_MPa": list(law.window), "tangent_modulus_MPa_at_stop": float(law.modulus(last)),
+    }
+    if np.any(curve.unloading):
+        loop = compaction.hysteresis(curve["displacement_um"], curve["force_top_N"], curve.phase)
+        fits["hysteresis"] = {"loss_J": loop.loss * 1e-6, "fraction": loop.fraction}
+    return fits
+
+
+def speed_change(curve: Curve, slow: Curve, start: float) -> dict[str, float]:
+    """Change of the loading force on halving the platen speed, from the displacement ``start`` um on.
+
+    |F - F_slow| / F_slow at the samples of the slower run: its mean and its worst. nan without a common stretch.
+    """
+    d, f = curve["displacement_um"][curve.loading], curve["force_top_N"][curve.loading]
+    other = slow.loading & (slow["displacement_um"] >= start) & (slow["displacement_um"] <= d.max(initial=0.0))
+    reference = slow["force_top_N"][other]
+    keep = reference > 0
+    if not keep.any():
+        return {"mean": math.nan, "worst": math.nan}
+    change = np.abs(np.interp(slow["displacement_um"][other][keep], d, f) / reference[keep] - 1)
+    return {"mean": float(np.mean(change)), "worst": float(np.max(change))}
