@@ -9,6 +9,7 @@ The registry holds only what fibre mechanics needs, and an angle is a dimension 
 
 from __future__ import annotations
 
+import math
 import re
 from decimal import Decimal, InvalidOperation
 from functools import cache, lru_cache
@@ -67,7 +68,7 @@ KINDS: dict[str, tuple[str, str]] = {
     "nN/um": ("a force per length", "1 N/mm"),
 }
 
-#: units to write a value in, best first; the engine unit itself is the last resort and always exact
+#: units that people write a value in, best first
 _WRITTEN: dict[str, tuple[str, ...]] = {
     "um": ("um", "mm", "m"),
     "nN": ("N", "cN", "nN"),
@@ -85,8 +86,8 @@ _FACTOR = r"(?:[^\W\d]+|°)(?:(?:\*\*|\^)?-?[1-9])?"
 _UNIT = re.compile(rf"{_FACTOR}(?:(?:\s*[*/·]\s*|\s+){_FACTOR})*")
 #: m3, m^3, m-3 are powers like m**3
 _POWER = re.compile(r"([^\W\d]|°)(?:\^)?(-?[1-9])")
-#: powers of ten beyond which no quantity of a fibre assembly lies (and a float would overflow)
-_DIGITS = 60
+#: powers of ten beyond which no float reaches
+_DIGITS = 400
 
 
 @cache
@@ -151,13 +152,22 @@ def parse(text: object, unit: str, key: str) -> float:
         raise InputError(key, text, f"{wanted}: {symbol!r} is not a known unit") from None
     if factor is None:
         raise InputError(key, text, f"{wanted}: {symbol!r} does not measure {KINDS.get(unit, (unit,))[0]}")
+    value = _scaled(number, factor)
+    if value is None:
+        raise InputError(key, text, f"{wanted}: a finite value")
+    return value
+
+
+def _scaled(number: str, factor: Decimal) -> float | None:
+    """Number times factor, rounded once; ``None`` where no float holds it."""
     try:
         amount = Decimal(number)
     except InvalidOperation:  # an exponent beyond what Decimal holds
-        amount = Decimal("Infinity")
-    if amount and (not amount.is_finite() or abs(amount.adjusted()) > _DIGITS):
-        raise InputError(key, text, f"{wanted}: a finite value of everyday size")
-    return float(amount * factor)
+        return None
+    if amount and abs(amount.adjusted()) > _DIGITS:
+        return None
+    value = float(amount * factor)
+    return value if math.isfinite(value) and (value or not amount) else None
 
 
 def format(value: float, unit: str) -> str:
@@ -166,18 +176,20 @@ def format(value: float, unit: str) -> str:
     The unit is the one that writes it shortest among those in use: 400000.0 nN is "0.04 cN". Raises
     :class:`InputError` for a value that is not finite (there is no text for it).
     """
-    if not abs(value) < float("inf"):
+    if not math.isfinite(value):
         raise InputError("value", value, f"a finite value in {unit}")
-    best = f"{_plain(value)} {unit}"
+    written = _WRITTEN.get(unit, (unit,))
     if value == 0.0:
-        return best
-    for shorter in reversed(_WRITTEN.get(unit, ())):
-        factor = _factor(shorter, unit)
+        return f"0 {written[0]}"
+    # the engine unit is exact; three digits more are worth one that people use
+    best, cost = f"{_plain(value)} {unit}", len(_plain(value)) + (0 if unit in written else 3)
+    for other in reversed(written):
+        factor = _factor(other, unit)
         if factor is None:
             continue
-        text = f"{_plain(float(Decimal(repr(float(value))) / factor))} {shorter}"
-        if len(text) <= len(best) and parse(text, unit, "value") == value:
-            best = text
+        number = _plain(float(Decimal(repr(float(value))) / factor))
+        if len(number) <= cost and _scaled(number, factor) == value:
+            best, cost = f"{number} {other}", len(number)
     return best
 
 

@@ -3,7 +3,7 @@ import subprocess
 import sys
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cgfibre import units
@@ -98,11 +98,13 @@ def test_a_unit_without_a_name_of_its_own_is_still_described():
 finite = st.floats(min_value=-1e12, max_value=1e12).filter(lambda x: x == 0.0 or abs(x) > 1e-12)
 
 
+@settings(deadline=None)  # the machine may be shared, the first unit loads pint
 @given(finite, st.sampled_from(sorted(units.KINDS)))
 def test_what_is_written_is_read_back_exactly(value, unit):
     assert units.parse(units.format(value, unit), unit, "k") == value
 
 
+@settings(deadline=None)  # the machine may be shared, the first unit loads pint
 @given(st.decimals(min_value="1e-6", max_value="1e6", places=6).filter(bool), st.sampled_from(["um", "mm", "m", "in"]))
 def test_prefixes_scale_and_case_of_text_does_not_matter_to_the_number(number, unit):
     per = {"um": 1.0, "mm": 1e3, "m": 1e6, "in": 25400.0}[unit]
@@ -110,6 +112,7 @@ def test_prefixes_scale_and_case_of_text_does_not_matter_to_the_number(number, u
     assert units.parse(f"{number:e} {unit}", "um", "k") == units.parse(f"{number} {unit}", "um", "k")
 
 
+@settings(deadline=None)  # the machine may be shared, the first unit loads pint
 @given(st.text(max_size=20), st.sampled_from(sorted(units.KINDS)))
 def test_any_text_is_a_finite_float_or_an_input_error(text, unit):
     try:
@@ -120,6 +123,7 @@ def test_any_text_is_a_finite_float_or_an_input_error(text, unit):
         assert isinstance(value, float) and math.isfinite(value)
 
 
+@settings(deadline=None)  # the machine may be shared, the first unit loads pint
 @given(
     st.text(alphabet="0123456789.eE+- ", max_size=8),
     st.text(alphabet="umNkgPascdetrn/*^23- 1", max_size=8),
