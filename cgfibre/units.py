@@ -181,16 +181,20 @@ def format(value: float, unit: str) -> str:
     written = _WRITTEN.get(unit, (unit,))
     if value == 0.0:
         return f"0 {written[0]}"
-    # the engine unit is exact; three digits more are worth one that people use
-    best, cost = f"{_plain(value)} {unit}", len(_plain(value)) + (0 if unit in written else 3)
+    # the engine unit is exact; three digits more are worth one that people use, and four no exponent
+    best, cost = f"{_plain(value)} {unit}", _digits(_plain(value)) + (0 if unit in written else 3)
     for other in reversed(written):
         factor = _factor(other, unit)
         if factor is None:
             continue
         number = _plain(float(Decimal(repr(float(value))) / factor))
-        if len(number) <= cost and _scaled(number, factor) == value:
-            best, cost = f"{number} {other}", len(number)
+        if _digits(number) <= cost and _scaled(number, factor) == value:
+            best, cost = f"{number} {other}", _digits(number)
     return best
+
+
+def _digits(number: str) -> int:
+    return len(number) + (4 if "e" in number else 0)
 
 
 def _plain(number: float) -> str:

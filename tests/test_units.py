@@ -144,6 +144,9 @@ def test_near_quantities_are_finite_floats_or_input_errors(number, unit, target)
         (230e6, "kPa", "230 GPa"),
         (math.pi / 2, "rad", "90 deg"),
         (2.6e-5, "turn/um", "0.26 turn/cm"),
+        (1e-4, "us", "0.0001 us"),
+        (5e3, "kPa", "5 MPa"),
+        (1.8, "pg/um**3", "1800 kg/m**3"),
         (0.0, "um", "0 um"),
     ],
 )
