@@ -1,0 +1,879 @@
+"""What is asked: the TOML scene, validated, every quantity a float in engine units.
+
+A scene is a set of tables (``[filament]``, ``[assembly]``, ``[ends]``, ``[platens]``, ``[contact]``, ``[model]``,
+``[output]``), each a frozen model below; its fields are the keys. Quantities are text with a unit in TOML and plain
+floats here (um, us, nN, kPa, rad, turn/um). Whatever is wrong becomes one :class:`cgfibre.errors.InputError` that names
+the dotted key, the value and what was expected.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import os
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+import tomli_w
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
+from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError, core_schema
+
+from cgfibre import units
+from cgfibre.errors import InputError
+from cgfibre.materials import MATERIALS, find_material, isotropic_shear_modulus
+
+#: void fraction of touching filaments in hexagonal order, 1 - pi / (2 sqrt 3)
+LEAST_VOID_FRACTION = 1.0 - math.pi / (2.0 * math.sqrt(3.0))
+
+
+class _NotGiven:
+    """Stands for a value that is not there."""
+
+    def __repr__(self) -> str:
+        return "(not given)"
+
+
+class _Abridged:
+    """Stands for a value too long for one line."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def __repr__(self) -> str:
+        return self.text
+
+
+NOT_GIVEN = _NotGiven()
+
+
+def _refusal(key: str, value: object, expected: str) -> PydanticCustomError:
+    """An error of our own for pydantic to carry; ``key`` is relative to the table that raises it."""
+    return PydanticCustomError("refused", "{expected}", {"key": key, "value": value, "expected": expected})
+
+
+@dataclass(frozen=True)
+class Value:
+    """Annotation of a number or a quantity: how it is read, checked, described and written.
+
+    Attributes: ``unit`` engine unit of a quantity, empty for a plain number; ``words`` accepted in its place;
+    ``whole`` for whole numbers; bounds in engine units: ``above`` and ``below`` are excluded, ``least`` and ``most``
+    are not.
+    """
+
+    unit: str = ""
+    words: tuple[str, ...] = ()
+    whole: bool = False
+    above: float | None = None
+    least: float | None = None
+    below: float | None = None
+    most: float | None = None
+
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self.read, serialization=core_schema.plain_serializer_function_ser_schema(self.write)
+        )
+
+    @property
+    def expected(self) -> str:
+        """What is wanted, for a message."""
+        kind = units.describe(self.unit) if self.unit else "a whole number" if self.whole else "a number"
+        low, high = self._bounds()
+        return self._or_words(kind) + (f", {' and '.join(b for b in (low, high) if b)}" if low or high else "")
+
+    def read(self, value: object) -> float | int | str:
+        """Engine value of what stands in the scene; an error that pydantic carries if it is not that."""
+        if isinstance(value, str) and value in self.words:
+            return value
+        if self.unit:
+            try:
+                number: float = units.parse(value, self.unit, "")
+            except InputError as error:
+                raise _refusal("", value, self._or_words(error.expected)) from None
+        elif isinstance(value, bool) or not isinstance(value, int if self.whole else (int, float)):
+            raise _refusal("", value, self.expected)
+        else:
+            number = value if self.whole else float(value)
+        if not self._within(number):
+            raise _refusal("", value, self.expected)
+        return number
+
+    def write(self, value: float | int | str | None) -> float | int | str | None:
+        """The text or number that :meth:`read` takes back to ``value``."""
+        return units.format(value, self.unit) if self.unit and isinstance(value, float | int) else value
+
+    def _or_words(self, kind: str) -> str:
+        return " or ".join([*(repr(w) for w in self.words), kind])
+
+    def _within(self, number: float) -> bool:
+        return (
+            math.isfinite(number)
+            and (self.above is None or number > self.above)
+            and (self.least is None or number >= self.least)
+            and (self.below is None or number < self.below)
+            and (self.most is None or number <= self.most)
+        )
+
+    def _bounds(self) -> tuple[str, str]:
+        def written(bound: float) -> str:
+            return (
+                units.format(bound, self.unit)
+                if self.unit and bound
+                else f"{bound:.10g}"
+                if self.whole
+                else f"{bound:g}"
+            )
+
+        low = f"above {written(self.above)}" if self.above is not None else ""
+        low = f"at least {written(self.least)}" if self.least is not None else low
+        high = f"below {written(self.below)}" if self.below is not None else ""
+        high = f"at most {written(self.most)}" if self.most is not None else high
+        return low, high
+
+
+#: the upper bounds catch a wrong prefix, no more
+Length = Annotated[float, Value("um", above=0.0, most=1e7)]
+Modulus = Annotated[float, Value("kPa", least=1.0, most=1e10)]
+Density = Annotated[float, Value("pg/um**3", least=0.01, most=30.0)]
+LineForce = Annotated[float, Value("nN/um", above=0.0)]
+#: signed
+Angle = Annotated[float, Value("rad", least=-2.0 * math.pi, most=2.0 * math.pi)]
+#: turns per length; the direction is a key of its own
+Twist = Annotated[float, Value("turn/um", least=0.0, most=1.0)]
+#: zero allowed
+LengthOrZero = Annotated[float, Value("um", least=0.0, most=1e7)]
+ForceOrZero = Annotated[float, Value("nN", least=0.0)]
+TimeOrZero = Annotated[float, Value("us", least=0.0)]
+#: or a word
+AutoLength = Annotated[float | Literal["auto"], Value("um", words=("auto",), above=0.0, most=1e7)]
+FullLength = Annotated[float | Literal["full"], Value("um", words=("full",), above=0.0, most=1e7)]
+AutoSpeed = Annotated[float | Literal["auto"], Value("um/us", words=("auto",), above=0.0, most=1e3)]
+AutoTime = Annotated[float | Literal["auto"], Value("us", words=("auto",), above=0.0)]
+AutoFactor = Annotated[float | Literal["auto"], Value(words=("auto",), least=1.0, most=1e6)]
+
+PoissonRatio = Annotated[float, Value(least=0.0, most=0.5)]
+Friction = Annotated[float, Value(least=0.0, most=2.0)]
+
+
+class _Table(BaseModel):
+    """A table of the scene: no other keys than its fields, never changed once made."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    def _shown(self, key: str) -> object:
+        """The value of a field as the scene writes it."""
+        return self.model_dump(include={key})[key]
+
+
+class Filament(_Table):
+    """``[filament]``: one fibre, transversely isotropic about its axis.
+
+    A named material of the library fills what is not given; without one, all are required but ``nu12`` (0.3) and
+    ``G23``, which is E2 / (2 (1 + nu23)) (also when a named material's ``E2`` or ``nu23`` is changed).
+    """
+
+    material: str | None = None
+    diameter: Annotated[float, Value("um", least=0.01, most=1e4)]
+    E1: Modulus
+    E2: Modulus
+    nu12: PoissonRatio = 0.3
+    nu23: PoissonRatio
+    G12: Modulus
+    G23: Modulus
+    density: Density
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        given = dict(data)
+        derive = "G23" not in given and ("material" not in given or "E2" in given or "nu23" in given)
+        if "material" in given:
+            library = find_material(given["material"])
+            for key in cls.model_fields:
+                if key not in given and not (key == "G23" and derive):
+                    given[key] = _field_value(cls, key).write(getattr(library, key))
+        if derive and "E2" in given and "nu23" in given:
+            try:
+                e2, nu23 = (_field_value(cls, key).read(given[key]) for key in ("E2", "nu23"))
+            except PydanticCustomError:
+                return given  # named by its own field
+            given["G23"] = units.format(isotropic_shear_modulus(float(e2), float(nu23)), "kPa")
+        return given
+
+    @property
+    def EA(self) -> float:
+        """Axial stiffness E1 pi D^2 / 4 in nN."""
+        return self.E1 * math.pi * self.diameter**2 / 4.0
+
+
+class Migration(_Table):
+    """``[assembly.migration]``: filaments that wander in radius along their length (thesis Eqs 2-1, 2-2).
+
+    ``period`` is the length of one wander out and back; ``minimum_radius`` the least radius over the bundle's;
+    ``epsilon`` and ``beta`` the parameters of the packing probability p(R), Eq 2-1.
+    """
+
+    period: Length
+    minimum_radius: Annotated[float, Value(least=0.0, below=1.0)] = 0.0
+    epsilon: Annotated[float, Value(least=0.0, most=0.5)] = 0.05
+    beta: Annotated[float, Value(least=0.0, most=100.0)] = 0.3
+
+
+class Bundle(_Table):
+    """``[assembly]`` of kind "bundle": filaments side by side.
+
+    Regular arrangements take their centre distance from ``pitch`` or from ``void_fraction`` (hexagonal relation, 0.31
+    if neither is given), the random one takes ``fibre_volume_fraction``. ``aspect`` is width over height.
+    """
+
+    kind: Literal["bundle"] = "bundle"
+    count: Annotated[int, Value(whole=True, least=1, most=10_000_000)]
+    arrangement: Literal["circular", "hexagonal", "rectangular", "elliptic", "racetrack", "random"] = "circular"
+    pitch: Annotated[float | None, Value("um", above=0.0, most=1e7)] = None
+    void_fraction: Annotated[float | None, Value(least=LEAST_VOID_FRACTION, most=0.95)] = None
+    fibre_volume_fraction: Annotated[float | None, Value(least=0.05, most=0.80)] = None
+    first_angle: Angle = 0.0
+    aspect: Annotated[float | None, Value(least=1e-3, most=1e3)] = None
+    length: Length
+    twist: Twist = 0.0
+    twist_direction: Literal["Z", "S"] = "Z"
+    twist_state: Literal["stress-free", "tensioned"] = "stress-free"
+    migration: Migration | None = None
+    jitter: LengthOrZero = 0.0
+    seed: Annotated[int, Value(whole=True, least=0, most=2**31 - 1)] = 0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill(cls, data: Any) -> Any:
+        packing = ("pitch", "void_fraction", "fibre_volume_fraction")
+        if isinstance(data, dict) and data.get("arrangement") != "random" and not any(key in data for key in packing):
+            return {**data, "void_fraction": 0.31}
+        return data
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Bundle:
+        if self.arrangement == "random":
+            for key in ("pitch", "void_fraction"):
+                if getattr(self, key) is not None:
+                    raise _refusal(key, self._shown(key), "no such key: random packing takes fibre_volume_fraction")
+            if self.fibre_volume_fraction is None:
+                raise _refusal("fibre_volume_fraction", NOT_GIVEN, "a number, at least 0.05 and at most 0.8")
+        elif self.fibre_volume_fraction is not None:
+            expected = f"no such key: {self.arrangement} packing takes pitch or void_fraction"
+            raise _refusal("fibre_volume_fraction", self.fibre_volume_fraction, expected)
+        elif self.pitch is not None and self.void_fraction is not None:
+            raise _refusal("pitch", self._shown("pitch"), "either pitch or void_fraction, not both")
+        if self.arrangement == "circular":
+            self._check_rings()
+        elif self.first_angle != 0.0:
+            expected = f"no such key: it turns the rings of a circular arrangement, this one is {self.arrangement}"
+            raise _refusal("first_angle", self._shown("first_angle"), expected)
+        if self.aspect is not None and self.arrangement in ("circular", "hexagonal", "random"):
+            expected = f"no such key: it shapes rectangular, elliptic and racetrack, this one is {self.arrangement}"
+            raise _refusal("aspect", self.aspect, expected)
+        return self
+
+    def _check_rings(self) -> None:
+        n = _rings(self.count)
+        fewer, more = (1 + 3 * k * (k + 1) for k in (n, n + 1))
+        if self.count != fewer:
+            expected = f"full rings, 1 + 3 n (n + 1) filaments: {fewer} or {more} (or another arrangement)"
+            raise _refusal("count", self.count, expected)
+
+    @property
+    def straight(self) -> bool:
+        """Whether filaments run straight along x."""
+        return self.twist == 0.0 and self.migration is None
+
+
+#: kind -> table; the place where a weave will stand
+ASSEMBLIES: dict[str, type[Bundle]] = {"bundle": Bundle}
+
+
+def _assembly(data: Any) -> Any:
+    if not isinstance(data, dict):
+        return data
+    kind = data.get("kind", "bundle")
+    if not isinstance(kind, str) or kind not in ASSEMBLIES:
+        expected = _one_of(ASSEMBLIES) + _later("assembly.kind", kind)
+        raise _refusal("kind", kind, expected)
+    return ASSEMBLIES[kind].model_validate(data)
+
+
+class Ends(_Table):
+    """``[ends]``: how filaments are held, and the tension on each."""
+
+    support: Literal["simply-supported", "clamped", "symmetry"] = "simply-supported"
+    tension: ForceOrZero = 4.0e5  # 0.04 cN
+
+
+class Stop(_Table):
+    """``[platens.stop]``: where loading ends, by exactly one of four measures."""
+
+    displacement: Annotated[float | None, Value("um", above=0.0, most=1e7)] = None
+    thickness: Annotated[float | None, Value("um", above=0.0, most=1e7)] = None
+    pressure: Annotated[float | None, Value("kPa", above=0.0, most=1e10)] = None
+    force: Annotated[float | None, Value("nN", above=0.0)] = None
+
+    @model_validator(mode="after")
+    def _exactly_one(self) -> Stop:
+        given = [key for key in type(self).model_fields if getattr(self, key) is not None]
+        if len(given) != 1:
+            expected = "exactly one of displacement, thickness, pressure or force"
+            raise _refusal("", _Abridged("{" + ", ".join(given) + "}") if given else NOT_GIVEN, expected)
+        return self
+
+    @property
+    def kind(self) -> str:
+        """Which of the four measures is given."""
+        return next(key for key in type(self).model_fields if getattr(self, key) is not None)
+
+    @property
+    def value(self) -> float:
+        """Its value: um, kPa or nN."""
+        return float(getattr(self, self.kind))
+
+
+class Platens(_Table):
+    """``[platens]``: the tools above and below, their motion and where it ends.
+
+    ``width`` is along the filaments; ``bottom_width`` is the top's where not given. ``friction`` is that between
+    filament and platen.
+    """
+
+    shape: Literal["flat", "crimped"] = "flat"
+    width: FullLength = "full"
+    bottom_width: Annotated[float | Literal["full"] | None, Value("um", words=("full",), above=0.0, most=1e7)] = None
+    crimp_angle: Annotated[float | None, Value("rad", above=0.0, below=math.pi / 4.0)] = None
+    crimp_side: Literal["both", "top"] = "both"
+    curvature: Literal["convex", "concave"] = "convex"
+    friction: Friction = 0.3
+    speed: AutoSpeed = "auto"
+    stop: Stop
+    hold: TimeOrZero = 0.0
+    unload: bool = False
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Platens:
+        if self.shape == "crimped":
+            if self.crimp_angle is None:
+                raise _refusal("crimp_angle", NOT_GIVEN, _field_value(Platens, "crimp_angle").expected)
+            if self.width == "full":
+                raise _refusal("width", "full", "a length such as '0.5 mm': the arc of a crimped platen has an end")
+            if self.crimp_side == "both" and self.bottom_width == "full":
+                raise _refusal("bottom_width", "full", "a length such as '0.5 mm', or crimp_side = 'top'")
+            return self
+        for key in ("crimp_angle", "crimp_side", "curvature"):
+            if getattr(self, key) != type(self).model_fields[key].default:
+                raise _refusal(key, self._shown(key), "no such key with shape = 'flat' (or shape = 'crimped')")
+        return self
+
+
+class Contact(_Table):
+    """``[contact]``: between filaments.
+
+    ``line_load`` is where the secant stiffness of the line contact is taken; ``softening`` divides that stiffness.
+    """
+
+    friction: Friction = 0.2
+    law: Literal["auto", "hooke", "hertz"] = "auto"
+    line_load: LineForce = 1.0e6  # 1 N/mm
+    softening: AutoFactor = "auto"
+    damping_ratio: Annotated[float, Value(above=0.0, most=1.0)] = 0.3
+
+
+class Model(_Table):
+    """``[model]``: how it is computed. ``depth``, ``spring`` and ``torsional_spring`` belong to the section level."""
+
+    level: Literal["auto", "chain", "rod", "section"] = "auto"
+    spacing: AutoLength = "auto"
+    accuracy: Annotated[float, Value(least=0.001, most=0.5)] = 0.05
+    far_field: Literal["auto", "none", "graded", "condensed"] = "auto"
+    axial_softening: AutoFactor = "auto"
+    torsion: Literal["none", "dihedral"] = "none"
+    timestep: AutoTime = "auto"
+    speed_check: bool = False
+    depth: AutoLength = "auto"
+    spring: Literal["exact", "thesis"] = "exact"
+    torsional_spring: Literal["exact", "thesis", "none"] = "exact"
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Model:
+        section = ("depth", "spring", "torsional_spring")
+        along = ("spacing", "axial_softening", "torsion")
+        for key in along if self.level == "section" else section:
+            if getattr(self, key) == type(self).model_fields[key].default:
+                continue
+            if self.level == "section":
+                expected = "no such key with level = 'section': a section has no filament length"
+            else:
+                expected = f"no such key with level = {self.level!r}: it belongs to level = 'section'"
+            raise _refusal(key, self._shown(key), expected)
+        return self
+
+
+class Output(_Table):
+    """``[output]``: frames and samples over the whole run; ``dump`` adds a text trajectory for OVITO."""
+
+    frames: Annotated[int, Value(whole=True, least=2, most=5000)] = 60
+    samples: Annotated[int, Value(whole=True, least=10, most=100_000)] = 300
+    dump: bool = False
+
+
+class Scene(_Table):
+    """A compaction experiment: what is asked, in engine units."""
+
+    name: str = ""
+    description: str = ""
+    filament: Filament
+    assembly: Annotated[Bundle, BeforeValidator(_assembly)]
+    ends: Ends = Ends()
+    platens: Platens
+    contact: Contact = Contact()
+    model: Model = Model()
+    output: Output = Output()
+
+    #: combinations of tables, checked in this order: the place for new ones
+    CHECKS: ClassVar[tuple[Callable[[Scene], None], ...]] = ()
+
+    @model_validator(mode="after")
+    def _combinations(self) -> Scene:
+        for check in self.CHECKS:
+            check(self)
+        return self
+
+    def to_toml(self) -> str:
+        """The scene resolved, every key written out; :func:`scene_from_dict` of it is an equal scene."""
+        return tomli_w.dumps(self.model_dump(exclude_none=True))
+
+
+# --- combinations ----------------------------------------------------------------------------------------------------
+
+
+def _length_um(value: float) -> str:
+    """A length for a message, to four figures."""
+    return f"{value:.4g} um"
+
+
+def _rings(count: int) -> int:
+    """Number of full rings that ``count`` filaments fill."""
+    return (math.isqrt(12 * count - 3) - 3) // 6
+
+
+def _pitch(scene: Scene) -> float:
+    """Centre distance in um: as given, or p = D sqrt(pi / (2 sqrt(3) (1 - void))); D for random packing."""
+    bundle, diameter = scene.assembly, scene.filament.diameter
+    if bundle.pitch is not None:
+        return bundle.pitch
+    if bundle.void_fraction is None:
+        return diameter
+    return diameter * math.sqrt((1.0 - LEAST_VOID_FRACTION) / (1.0 - bundle.void_fraction))
+
+
+def _height(scene: Scene) -> float:
+    """Height as built in um: exact for circular rings, an upper bound for the other arrangements."""
+    bundle, diameter, p = scene.assembly, scene.filament.diameter, _pitch(scene)
+    if bundle.arrangement == "circular":
+        top = 0.0
+        for ring in range(1, _rings(bundle.count) + 1):
+            step = math.pi / (3 * ring)
+            off = (bundle.first_angle - math.pi / 2.0) % step
+            top = max(top, ring * p * math.cos(min(off, step - off)))
+        return 2.0 * top + diameter
+    area = bundle.count * p * p * math.sqrt(3.0) / 2.0
+    if bundle.fibre_volume_fraction is not None:
+        area = bundle.count * math.pi * diameter**2 / (4.0 * bundle.fibre_volume_fraction)
+    bound = 2.0 * math.sqrt(area / math.pi / (bundle.aspect or 1.0)) + 3.0 * p + diameter
+    return min(bound, (bundle.count - 1) * p + diameter)
+
+
+def _check_sizes(scene: Scene) -> None:
+    bundle, diameter = scene.assembly, scene.filament.diameter
+    if bundle.pitch is not None and bundle.pitch < diameter:
+        raise _refusal("assembly.pitch", bundle._shown("pitch"), f"at least the diameter, {_length_um(diameter)}")
+    if bundle.length <= 4.0 * diameter:
+        expected = f"more than four diameters, {_length_um(4.0 * diameter)}"
+        raise _refusal("assembly.length", bundle._shown("length"), expected)
+    if bundle.migration is not None and bundle.migration.period < 4.0 * diameter:
+        expected = f"at least four diameters, {_length_um(4.0 * diameter)}"
+        raise _refusal("assembly.migration.period", bundle.migration._shown("period"), expected)
+    # half the gap keeps any two apart; a hundredth of the diameter is shallow even where they touch
+    most = max(0.5 * (_pitch(scene) - diameter), 0.01 * diameter)
+    if bundle.jitter > most:
+        expected = f"at most {_length_um(most)}, beyond which filaments overlap as built"
+        raise _refusal("assembly.jitter", bundle._shown("jitter"), expected)
+
+
+def _check_twist(scene: Scene) -> None:
+    """A twisted filament's section is an ellipse in the cross-section: the pitch must leave room for it."""
+    bundle, diameter, p = scene.assembly, scene.filament.diameter, _pitch(scene)
+    if bundle.twist == 0.0 or bundle.count == 1:
+        return
+    outer = _rings(bundle.count) * p
+    if bundle.arrangement != "circular":
+        aspect = bundle.aspect or 1.0
+        outer = p * math.sqrt(bundle.count * math.sqrt(3.0) / (2.0 * math.pi) * max(aspect, 1.0 / aspect))
+    lean = math.atan(2.0 * math.pi * outer * bundle.twist)
+    if lean > math.pi / 4.0 or (bundle.arrangement != "random" and p * math.cos(lean) < diameter * (1.0 - 1e-6)):
+        limit = math.pi / 4.0 if bundle.arrangement == "random" else min(math.acos(diameter / p), math.pi / 4.0)
+        most = units.format(float(f"{math.tan(limit) / (2.0 * math.pi * outer):.3g}"), "turn/um")
+        expected = f"at most about {most}: outer filaments lean by {math.degrees(lean):.0f} deg and overlap as built"
+        raise _refusal("assembly.twist", bundle._shown("twist"), expected)
+
+
+def _check_tension(scene: Scene) -> None:
+    if scene.ends.tension > 0.05 * scene.filament.EA:
+        most = units.format(float(f"{0.05 * scene.filament.EA:.3g}"), "nN")
+        raise _refusal("ends.tension", scene.ends._shown("tension"), f"at most {most} a filament, a strain of 5 %")
+
+
+def _check_stop(scene: Scene) -> None:
+    stop, diameter, height = scene.platens.stop, scene.filament.diameter, _height(scene)
+    # filaments can spread until they lie side by side, one diameter thick; a single one only dents
+    thinnest = diameter if scene.assembly.count > 1 else 0.5 * diameter
+    if stop.displacement is not None and stop.displacement > height - thinnest:
+        expected = (
+            f"at most {_length_um(height - thinnest)}: the bundle is {_length_um(height)} high and no thinner than "
+            f"{_length_um(thinnest)}"
+        )
+        raise _refusal("platens.stop.displacement", stop._shown("displacement"), expected)
+    if stop.thickness is not None and not thinnest <= stop.thickness < height:
+        expected = f"from {_length_um(thinnest)} (solid filaments side by side) to below the {_length_um(height)} built"
+        raise _refusal("platens.stop.thickness", stop._shown("thickness"), expected)
+
+
+def _check_widths(scene: Scene) -> None:
+    length, diameter = scene.assembly.length, scene.filament.diameter
+    for key in ("width", "bottom_width"):
+        value = getattr(scene.platens, key)
+        if isinstance(value, float) and not diameter <= value < length:
+            expected = (
+                f"'full' or a length from one diameter, {_length_um(diameter)}, to below assembly.length, "
+                f"{_length_um(length)}"
+            )
+            raise _refusal(f"platens.{key}", scene.platens._shown(key), expected)
+
+
+def _check_spacing(scene: Scene) -> None:
+    spacing, diameter = scene.model.spacing, scene.filament.diameter
+    if isinstance(spacing, float) and not diameter / 20.0 <= spacing <= diameter:
+        expected = (
+            f"'auto' or a length from {_length_um(diameter / 20.0)} to the diameter, {_length_um(diameter)}: beads "
+            "further apart miss each other"
+        )
+        raise _refusal("model.spacing", scene.model._shown("spacing"), expected)
+
+
+def _check_torsion(scene: Scene) -> None:
+    if scene.model.torsion != "dihedral":
+        return
+    if scene.assembly.straight:
+        expected = (
+            "'none' for straight filaments: a dihedral is singular on a straight chain and follows the torsion of the "
+            "centre line, not the twist of the material; use level = 'rod'"
+        )
+        raise _refusal("model.torsion", "dihedral", expected)
+    if scene.model.level != "chain":
+        expected = (
+            f"'none' with level = {scene.model.level!r}: dihedrals belong to level = 'chain', a rod twists itself"
+        )
+        raise _refusal("model.torsion", "dihedral", expected)
+
+
+def _check_far_field(scene: Scene) -> None:
+    model, far = scene.model, scene.model.far_field
+    if far not in ("graded", "condensed"):
+        return
+
+    def refuse(reason: str) -> PydanticCustomError:
+        return _refusal("model.far_field", far, f"'auto' or 'none': {reason}")
+
+    if scene.platens.width == "full":
+        raise refuse("platens.width = 'full' leaves nothing beyond the platen")
+    if far == "condensed":
+        if model.level not in ("auto", "chain"):
+            raise refuse(f"'condensed' belongs to level = 'chain', not {model.level!r}")
+        if scene.ends.support == "symmetry":
+            raise refuse("'condensed' is the stiffness of a held end, ends.support = 'symmetry' holds none")
+        if not scene.assembly.straight:
+            raise refuse("'condensed' is the stiffness of a straight filament, these are twisted or migrate")
+
+
+def _check_section(scene: Scene) -> None:
+    """What needs a length along the filaments has no meaning in a section."""
+    if scene.model.level != "section":
+        return
+    bundle, none_along = scene.assembly, "a section has no length along the filaments (or level = 'chain' or 'rod')"
+    if bundle.twist != 0.0:
+        raise _refusal("assembly.twist", bundle._shown("twist"), f"0: {none_along}")
+    if bundle.migration is not None:
+        raise _refusal("assembly.migration", _Abridged("{...}"), f"no such table: {none_along}")
+    if scene.platens.shape != "flat":
+        raise _refusal("platens.shape", scene.platens.shape, f"'flat': {none_along}")
+    if scene.model.far_field in ("graded", "condensed"):
+        raise _refusal("model.far_field", scene.model.far_field, f"'auto' or 'none': {none_along}")
+    if scene.ends.support != "simply-supported":
+        expected = "'simply-supported' with level = 'section': its springs are those of such filaments"
+        raise _refusal("ends.support", scene.ends.support, expected)
+    if scene.contact.law == "hertz":
+        expected = "'auto' or 'hooke' with level = 'section': parallel filaments touch along lines, hertz is for points"
+        raise _refusal("contact.law", "hertz", expected)
+
+
+Scene.CHECKS = (
+    _check_section,
+    _check_sizes,
+    _check_twist,
+    _check_tension,
+    _check_stop,
+    _check_widths,
+    _check_spacing,
+    _check_torsion,
+    _check_far_field,
+)
+
+
+# --- reading ---------------------------------------------------------------------------------------------------------
+
+#: known to the interface, refused here
+_LATER: dict[tuple[str, str], str] = {
+    ("assembly.kind", "weave"): "woven fabrics are not in this version",
+    ("model.level", "subbundle"): "sub-bundles are not in this version",
+}
+
+_STOP = tuple(f"platens.stop.{key}" for key in Stop.model_fields)
+_PACKING = ("assembly.pitch", "assembly.void_fraction", "assembly.fibre_volume_fraction")
+#: an override of the first drops the others where they are not overridden too
+_SUPERSEDES: dict[str, tuple[str, ...]] = {
+    **{key: tuple(k for k in group if k != key) for group in (_STOP, _PACKING) for key in group},
+    "filament.material": tuple(f"filament.{key}" for key in Filament.model_fields if key != "material"),
+}
+
+
+def load_scene(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
+    """The scene of a TOML file or of a shipped name, with overrides.
+
+    ``overrides`` are "table.key=value" (nested tables too: ``platens.stop.displacement="30 um"``), the value being TOML
+    or else bare text. One of several alternatives (how to stop, how to pack, a material for its constants) takes the
+    place of the one that the scene gives. A file without a name is named after itself.
+    Raises :class:`InputError` for whatever is wrong with the file, the overrides or the scene.
+    """
+    text, name = _source(source)
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError("scene", str(source), _toml_expectation(text, error)) from None
+    data.setdefault("name", name)
+    _override(data, overrides)
+    return scene_from_dict(data)
+
+
+def scene_from_dict(data: Mapping[str, Any]) -> Scene:
+    """The scene of nested tables, quantities as text with units; raises :class:`InputError` for the first thing wrong.
+
+    Keys whose value is ``None`` count as not given.
+    """
+    try:
+        return Scene.model_validate(_without_none(data))
+    except ValidationError as error:
+        raise _translated(error) from None
+
+
+def shipped_scenes() -> list[str]:
+    """Names of the scenes that come with the package, in natural order."""
+    files = resources.files("cgfibre").joinpath("scenes").iterdir()
+    names = [f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")]
+    return sorted(names, key=_natural)
+
+
+def scene_text(name: str) -> str:
+    """The TOML of a shipped scene, comments and all; raises :class:`InputError` for an unknown name."""
+    if name not in shipped_scenes():
+        raise InputError("scene", name, "the name of a shipped scene" + _meant(name, shipped_scenes()))
+    return resources.files("cgfibre").joinpath("scenes", f"{name}.toml").read_text(encoding="utf-8")
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Numbers in a name by their value, 12k being 12000."""
+    parts = re.findall(r"(\d+)(k?)|(\D+?(?=\d|$))", name)
+    return [(int(number) * (1000 if thousand else 1) if number else 0, text) for number, thousand, text in parts]
+
+
+def _source(source: str | Path) -> tuple[str, str]:
+    """Text of a scene and the name that it goes by."""
+    if isinstance(source, str) and source in shipped_scenes():
+        return scene_text(source), source
+    path = Path(source)
+    try:
+        return path.read_text(encoding="utf-8-sig"), path.stem
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else "not a text file"
+    expected = f"a TOML file that can be read ({reason.lower()})"
+    if isinstance(source, str) and path.suffix != ".toml" and os.sep not in source:
+        expected = f"a TOML file or a shipped scene{_meant(source, shipped_scenes()) or ' (cgfibre scenes lists them)'}"
+    raise InputError("scene", str(source), expected)
+
+
+def _toml_expectation(text: str, error: tomllib.TOMLDecodeError) -> str:
+    """What is wrong with the TOML, with the line it is on."""
+    message = str(error)
+    at = re.search(r"at line (\d+)", message)
+    lines = text.splitlines()
+    line = int(at[1]) if at else len(lines)
+    shown = f", line {line}: {lines[line - 1].strip()[:60]!r}" if 0 < line <= len(lines) else ""
+    reason = message[:1].lower() + re.sub(r" \(at [^()]*\)$", "", message)[1:]
+    return " ".join(f"valid TOML{shown}: {reason} (text and quantities stand in quotes)".split())
+
+
+def _override(data: dict[str, Any], overrides: Sequence[str]) -> None:
+    given = {}
+    for text in overrides:
+        key, equals, value = (part.strip() for part in text.partition("="))
+        if not equals or not re.fullmatch(r"\w+(\.\w+)*", key):
+            raise InputError("--set", text, 'table.key=value, such as filament.diameter="9 um"')
+        given[key] = _toml_value(value)
+    for key, value in given.items():
+        for other in _SUPERSEDES.get(key, ()):
+            if other not in given:
+                _table(data, other)[0].pop(other.rpartition(".")[2], None)
+        table, last = _table(data, key, make=True)
+        table[last] = value
+
+
+def _toml_value(text: str) -> Any:
+    try:
+        parsed = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        return text
+    return parsed["value"] if len(parsed) == 1 else text
+
+
+def _table(data: dict[str, Any], key: str, make: bool = False) -> tuple[dict[str, Any], str]:
+    """The table that holds a dotted key, and the key's last part; an empty table where there is none."""
+    *parents, last = key.split(".")
+    for i, parent in enumerate(parents):
+        data = data.setdefault(parent, {}) if make else data.get(parent, {})
+        if not isinstance(data, dict):
+            where = ".".join(parents[: i + 1])
+            raise InputError(key, _shown_value(data), f"a known key: {where} is not a table")
+    return data, last
+
+
+def _without_none(data: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: _without_none(v) if isinstance(v, Mapping) else v for k, v in data.items() if v is not None}
+
+
+# --- what pydantic found, in our words -------------------------------------------------------------------------------
+
+
+def _field_value(model: type[BaseModel], key: str) -> Value:
+    return next(m for m in model.model_fields[key].metadata if isinstance(m, Value))
+
+
+def _translated(error: ValidationError) -> InputError:
+    """The first error, but a misspelt key before the one that is missed for it."""
+    found = error.errors(include_url=False)
+    return _input_error(min(found, key=lambda e: e["type"] != "extra_forbidden"))
+
+
+def _input_error(error: ErrorDetails) -> InputError:
+    loc = [str(part) for part in error["loc"]]
+    context = error.get("ctx", {})
+    # a quoted TOML key can hold anything
+    key, value = ".".join(part if re.fullmatch(r"[\w-]+", part) else repr(part) for part in loc), error["input"]
+    if error["type"] == "refused":
+        inner = context["key"]
+        return InputError(".".join(p for p in (key, inner) if p), _shown_value(context["value"]), context["expected"])
+    if error["type"] == "extra_forbidden":
+        return InputError(key, _shown_value(value), "a known key" + _meant_key(loc))
+    if error["type"] == "missing":
+        value = NOT_GIVEN
+        if loc[0] == "filament" and len(loc) == 2:
+            return InputError(key, value, f"{_expected(loc)} (or filament.material = {_one_of(MATERIALS)})")
+    return InputError(key, _shown_value(value), _expected(loc) + _later(key, value))
+
+
+def _expected(loc: Sequence[str]) -> str:
+    """What a key takes, from its field."""
+    field = _field(loc)
+    if field is None:
+        return "a table of keys"
+    for metadata in field.metadata:
+        if isinstance(metadata, Value):
+            return metadata.expected
+    if _model(field) is not None:
+        return f"a table [{'.'.join(loc)}]"
+    choices = getattr(field.annotation, "__args__", ())
+    if field.annotation is bool:
+        return "true or false"
+    if choices and all(isinstance(c, str) for c in choices):
+        return _one_of(choices)
+    return "text in quotes"
+
+
+def _field(loc: Sequence[str]) -> FieldInfo | None:
+    model: type[BaseModel] | None = Scene
+    field = None
+    for key in loc:
+        field = model.model_fields.get(key) if model is not None else None
+        if field is None:
+            return None
+        model = _model(field)
+    return field
+
+
+def _model(field: FieldInfo) -> type[BaseModel] | None:
+    """The table that a field holds, if it does."""
+    for kind in (field.annotation, *getattr(field.annotation, "__args__", ())):
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            return kind
+    return None
+
+
+def _meant_key(loc: Sequence[str]) -> str:
+    """The key of that name in another table, or the one of the same table that looks most alike."""
+    *parents, last = loc
+    parent = _field(parents) if parents else None
+    model = _model(parent) if parent is not None else Scene if not parents else None
+    meant = [key for key in _all_keys(Scene) if key.rpartition(".")[2] == last]
+    if not meant:
+        near = difflib.get_close_matches(last, model.model_fields if model is not None else (), n=1)
+        meant = [".".join([*parents, key]) for key in near]
+    return f" (did you mean {' or '.join(meant)}?)" if meant else ""
+
+
+def _all_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
+    keys = []
+    for key, field in model.model_fields.items():
+        keys.append(prefix + key)
+        inner = _model(field)
+        keys += _all_keys(inner, f"{prefix}{key}.") if inner is not None else []
+    return keys
+
+
+def _meant(name: str, names: Iterable[str]) -> str:
+    near = difflib.get_close_matches(name, list(names), n=3)
+    return f" (did you mean {' or '.join(near)}?)" if near else ""
+
+
+def _later(key: str, value: object) -> str:
+    reason = _LATER.get((key, value)) if isinstance(value, str) else None
+    return f" ({reason})" if reason else ""
+
+
+def _one_of(words: Iterable[str]) -> str:
+    quoted = [repr(w) for w in words]
+    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} or {quoted[-1]}"
+
+
+def _shown_value(value: object) -> object:
+    """The value, abridged where its text would fill the line."""
+    text = repr(value)
+    return value if len(text) <= 60 else _Abridged(text[:56] + " ...")
