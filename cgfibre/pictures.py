@@ -99,7 +99,7 @@ def _bundle(
     positions = frames.positions[k]
     low, high = positions[:, 1].min(), positions[:, 1].max()
     faces = () if plan.platens.shape == "crimped" else (
-        plot.PlatenFace(heights[0] - float(frames.displacement_um[k]), span, (low, high)),
-        plot.PlatenFace(heights[1], lower, (low, high)))
+        plot.PlatenFace(heights[0] - float(frames.displacement_um[k]), True, span, (low, high)),
+        plot.PlatenFace(heights[1], False, lower, (low, high)))
     view = plot.BundleView(platens=faces, title=f"pressed by {frames.displacement_um[k]:.3g} µm")
     return _save(plot.figure_bundle_3d(system, positions, view), out / "bundle.png")

@@ -14,8 +14,6 @@ from cgfibre.errors import InputError
 from cgfibre.plan.model import CONTACT, GRIP, LEFT, RIGHT, Contact, Plan
 
 ROLES = 5
-#: largest rest bend for which angle cosine (straight at rest) may stand for a curved shape, rad
-STRAIGHT = 1e-9
 #: smallest rest bend at which angle harmonic is safe: below 1 mrad it is silently wrong (lammps-findings)
 HARMONIC_BEND = 0.01
 #: a rod's angles carry this part of EI/s: they measure bending energy, see in.rod
@@ -182,12 +180,9 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
     stiffness = plan.beads.hinge[station]
     style = "cosine"
     bend = rest_bends(system)
-    if plan.rest == "as-built" and np.max(bend, initial=0.0) > STRAIGHT:
-        if np.min(bend) < HARMONIC_BEND:
-            raise InputError(
-                "assembly.rest", "as-built",
-                f"a bend of at least {HARMONIC_BEND} rad at every bead for level chain (the least is {np.min(bend):.2g}: "
-                "angle harmonic is silently wrong near 180 degrees); use level = \"rod\", or rest = \"straight\"")
+    if plan.torsion == "dihedral":
+        # twist about the shape as built makes sense only if bending knows that shape too
+        _check_curved(bend)
         style = "harmonic"
         angle_kind, first = group_types(stiffness, bend)
         rows = [(float(stiffness[i] / 2), 180 - math.degrees(bend[i])) for i in first]
@@ -196,7 +191,7 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
         rows = [(float(stiffness[i]),) for i in first]
     topologies = [bond, Topology("Angle", angles, angle_kind, rows, style)]
     if plan.torsion == "dihedral":
-        topologies.append(_dihedrals(system, bend))
+        topologies.append(_dihedrals(system))
     diameter = system.diameter[system.filament_of_bead]
     n_types = ROLES * len(types)
     p = system.positions
@@ -232,12 +227,18 @@ def _widest_contact_gap(plan: Plan) -> float:
     return plan.spacing
 
 
-def _dihedrals(system: FilamentSystem, bend: FloatArray) -> Topology:
+def _check_curved(bend: FloatArray) -> None:
+    """Refuse dihedrals and angle harmonic where they are silently wrong: on (nearly) straight chains."""
+    least = float(np.min(bend)) if len(bend) else 0.0
+    if least < HARMONIC_BEND:
+        raise InputError(
+            "model.torsion", "dihedral",
+            f"filaments bent by at least {HARMONIC_BEND} rad at every bead (here {least:.2g}): on a straight chain a dihedral "
+            "is singular and follows the centre line, not the material's twist; use level = \"rod\"")
+
+
+def _dihedrals(system: FilamentSystem) -> Topology:
     """Twist stiffness GJ/s of curved filaments: quadratic dihedrals about the shape as built."""
-    if len(bend) == 0 or np.min(bend) < HARMONIC_BEND:
-        raise InputError("model.torsion", "dihedral",
-                         f"filaments bent by at least {HARMONIC_BEND} rad at every bead (the least is "
-                         f"{np.min(bend, initial=0.0):.2g}): a dihedral is singular on a straight chain; use level = \"rod\"")
     quads = system.dihedrals()
     p = system.positions
     b1, b2, b3 = (p[quads[:, k + 1]] - p[quads[:, k]] for k in range(3))
@@ -309,7 +310,7 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         "bond_types": len(first_row),
         "angle_types": len(first_angle),
         "atom_types": n_types,
-        "rod_EA": kind.EA,
+        "rod_EA": kind.EA / plan.axial_softening,
         "rod_EI": kind.EI,
         "rod_GJ": kind.GJ,
         "rod_kGA": kind.kGA,

@@ -9,7 +9,8 @@ import math
 
 import numpy as np
 
-from cgfibre.build.spacing import GradedSpacing, graded_stations
+from cgfibre.build.spacing import SpacingSpec
+from cgfibre.build.spacing import stations as lay_stations
 from cgfibre.build.system import FilamentType, FloatArray, IntArray
 from cgfibre.errors import InputError
 from cgfibre.mechanics import rod
@@ -74,9 +75,10 @@ def plan_beads(
     anchors = tuple(x for span in (platen_span(scene), bottom_span(scene)) for x in span if 0 < x < length)
     extras: dict[str, float] = {}
     if far_field == "none":
-        zone = (0.0, length)
-    coarse = max(spacing, COARSE * length)
-    stations = graded_stations(GradedSpacing(length=length, fine=spacing, coarse=coarse, zone=zone, anchors=anchors))
+        spec = SpacingSpec(length=length, fine=spacing, anchors=anchors)
+    else:
+        spec = SpacingSpec(length=length, fine=spacing, zone=zone, coarse=max(spacing, COARSE * length), anchors=anchors)
+    stations = lay_stations(spec)
     support = scene.ends.support
     if far_field == "condensed":
         inside = (stations >= zone[0] - 1e-9) & (stations <= zone[1] + 1e-9)
@@ -143,15 +145,17 @@ def finish_beads(
         np.append(gaps, gaps[-1]), np.insert(gaps, 0, gaps[0]))
     real = role == CONTACT
     if level == "rod":
-        coefficients = rod.rod_coefficients(near[real], filament.EA, filament.EI, filament.GJ, filament.kGA)
-        omega2 = rod.rod_frequency_squared(near[real], mass[real], filament.diameter, coefficients, kn=contact_kn)
+        coefficients = rod.rod_coefficients(near[real], EA, filament.EI, filament.GJ, filament.kGA)
+        spinning = float(rod.contact_stiffness_bound(1.0, inertia=rod.SPHERE_INERTIA)) / rod.CONTACT_BOUND
+        omega2 = rod.rod_frequency_squared(
+            near[real], mass[real], filament.diameter, coefficients, kn=spinning * contact_kn)
     else:
         omega2 = rod.chain_frequency_squared(near[real], mass[real], EA, filament.EI, tension=tension, kn=contact_kn)
     limit = 2 / math.sqrt(float(np.max(omega2)))
     step = SAFETY * limit
     free = ~real
     if level == "rod":
-        every = rod.rod_coefficients(gaps, filament.EA, filament.EI, filament.GJ, filament.kGA)
+        every = rod.rod_coefficients(gaps, EA, filament.EI, filament.GJ, filament.kGA)
         bound = rod.rod_stiffness_bound(gaps, filament.diameter, every, tension, closed=closed)
     else:
         bound = rod.chain_stiffness_bound(gaps, chain, tension, closed=closed)

@@ -24,15 +24,15 @@ from cgfibre.plan.beads import (
 )
 from cgfibre.plan.contact import OVERLAP_LIMIT, ContactPlan, plan_contact
 from cgfibre.plan.model import CONTACT, Beads, Choice, Motion, Omission, Plan, Platens
-from cgfibre.plan.motion import depths_below_top, plan_motion, planned_displacement
+from cgfibre.plan.motion import Bodies, depths_below_top, plan_motion, planned_displacement
 from cgfibre.scene import Scene
 
 #: background drag rate over the lowest natural frequency; 1.0 raised the force of carbon-37 by 12 %
 DRAG = 0.05
 #: seconds a bead and step on one core, measured on carbon-37; the calibrated cost model is still to come
 COST = {"chain": 8e-8, "rod": 6e-7, "section": 3e-7}
-#: of contacts: keeps overlaps near 1 % D to the depth where the bottom platen carries half of carbon-37's force
-CONTACT_SOFTENING = {"chain": 3.0, "rod": 3.0, "section": 10.0}
+#: of contacts: beads need no smaller step for the real stiffness than bending asks for; a section's discs do
+CONTACT_SOFTENING = {"chain": 1.0, "rod": 1.0, "section": 10.0}
 MAX_AXIAL_SOFTENING = 30.0
 DISC_INERTIA = 0.125  # of m D^2
 SHEAR = 0.9  # Timoshenko coefficient of a solid circle
@@ -95,8 +95,9 @@ def _choose_level(scene: Scene) -> Choice:
 
 def _common_omissions(scene: Scene, level: str) -> list[Omission]:
     left = [
-        Omission("filament flattening", "a bead's section stays round; contacts take the compliance of the line contact",
-                 f"softened contacts overlap by up to {OVERLAP_LIMIT:.0%} D, which thickness takes up"),
+        Omission("filament flattening", "a bead's section stays round; contacts take the compliance of the line contact, "
+                 f"its secant at {scene.contact.line_load * 1e-6:g} N/mm",
+                 "the approach of two filaments errs by up to half of itself a decade of load away (4 % D at 1 N/mm)"),
         Omission("gravity, adhesion, moisture", "small beside contact forces of micronewtons", "below 1e-3 of the force"),
     ]
     if level == "chain":
@@ -136,8 +137,10 @@ def _softening(scene: Scene, level: str) -> Choice:
     asked = scene.contact.softening
     if asked != "auto":
         return Choice("contact softening", f"{asked:g}", "as asked in the scene")
-    return Choice("contact softening", f"{CONTACT_SOFTENING[level]:g}",
-                  f"a softer contact allows a faster platen; overlaps are checked against {OVERLAP_LIMIT:.0%} D")
+    if CONTACT_SOFTENING[level] == 1:
+        return Choice("contact softening", "1", "the real contact stiffness needs no shorter step than bending does")
+    return Choice("contact softening", f"{CONTACT_SOFTENING[level]:g}", "a softer contact allows a longer step and a faster "
+                  f"platen; what overlap this adds is checked against {OVERLAP_LIMIT:.0%} D")
 
 
 def _checked_step(scene: Scene, limit: float) -> Choice:
@@ -201,10 +204,12 @@ def _filament_plan(scene: Scene, out: Outline, level: str, choices: list[Choice]
     timestep = SAFETY * limit if scene.model.timestep == "auto" else float(scene.model.timestep)
     width = 0.0 if scene.platens.width == "full" else float(scene.platens.width)
     stiffness = 1 / float(rod.platen_compliance(scene.assembly.length, f.EI, width=width, tension=tension))
-    motion, sampling, motion_choices = plan_motion(
-        scene, depths=depths_below_top(out.centres), filament_stiffness=stiffness,
-        contact_stiffness=contact.tangent_kn, mass=mass, timestep=timestep, pitch=out.pitch,
-        displacement=out.displacement)
+    span = scene.assembly.length if far == "none" else zone[1] - zone[0]
+    frequency = float(rod.bending_frequency(span, f.EI, f.mass_per_length, tension=tension))
+    if far != "none":  # the zone swings on the soft far field
+        frequency = min(frequency, math.sqrt(stiffness / (f.mass_per_length * span)))
+    bodies = Bodies(depths_below_top(out.centres), out.pitch, stiffness, frequency, contact.tangent_kn, mass)
+    motion, sampling, motion_choices = plan_motion(scene, bodies, timestep, out.displacement)
     choices += motion_choices
     omissions = _common_omissions(scene, level)
     if far == "condensed":
@@ -214,8 +219,7 @@ def _filament_plan(scene: Scene, out: Outline, level: str, choices: list[Choice]
     if far != "none":
         choices.append(Choice("bead mass", "numerical beyond the fine zone",
                               "a quasi-static run needs no inertia: coarse beads weigh what the common step allows"))
-    span = scene.assembly.length if far == "none" else zone[1] - zone[0]
-    drag = DRAG * float(rod.bending_frequency(span, f.EI, f.mass_per_length, tension=tension))
+    drag = DRAG * frequency
     n_beads = len(out.centres) * len(stations)
     return Plan(
         level=level, spacing=bead, pitch=out.pitch, width=out.width, height=out.height,
@@ -260,10 +264,9 @@ def _section_plan(scene: Scene, out: Outline, level: str, choices: list[Choice])
     limit = 2 / math.sqrt(max((k + touching) / mass, (turn / inertia + touching / mass)))
     choices.append(_checked_step(scene, limit))
     timestep = SAFETY * limit if scene.model.timestep == "auto" else float(scene.model.timestep)
-    motion, sampling, motion_choices = plan_motion(
-        scene, depths=depths_below_top(out.centres), filament_stiffness=k,
-        contact_stiffness=contact.tangent_kn, mass=mass, timestep=timestep, pitch=out.pitch,
-        displacement=out.displacement)
+    frequency = float(support.support_frequency(k, mass))
+    bodies = Bodies(depths_below_top(out.centres), out.pitch, k, frequency, contact.tangent_kn, mass)
+    motion, sampling, motion_choices = plan_motion(scene, bodies, timestep, out.displacement)
     choices += motion_choices
     beads = Beads(stations=np.zeros(1), role=np.zeros(1, dtype=np.int64), mass=np.array([mass]), hinge=np.zeros(1),
                   support="springs", end_load=0.0)
@@ -273,7 +276,7 @@ def _section_plan(scene: Scene, out: Outline, level: str, choices: list[Choice])
                  "springs are linear: too soft once filaments deflect by more than about a tenth of the free span"),
     ]
     n = len(out.centres)
-    drag = DRAG * float(support.support_frequency(k, mass))
+    drag = DRAG * frequency
     return Plan(
         level=level, spacing=0.0, pitch=out.pitch, width=out.width, height=out.height, n_filaments=n, n_beads=n,
         beads=beads, axial_softening=1.0, timestep=timestep, timestep_limit=limit, drag=drag * mass,

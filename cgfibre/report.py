@@ -1,0 +1,92 @@
+"""What the command line prints: the plan, a progress bar, the result."""
+
+from __future__ import annotations
+
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from cgfibre.plan.model import Plan
+from cgfibre.scene import Scene
+from cgfibre.workflow import RunResult
+
+PICTURES = ("curve.png", "pressure.png", "sections.png", "bundle.png", "energy.png", "distribution.png")
+
+
+def _seconds(t: float) -> str:
+    return f"{t:.0f} s" if t < 100 else f"{t / 60:.0f} min" if t < 6000 else f"{t / 3600:.1f} h"
+
+
+def print_plan(scene: Scene, plan: Plan, brief: bool = False) -> None:
+    """The plan as tables; ``brief``: one line."""
+    console = Console()
+    line = (f"{scene.name or 'scene'}: {plan.n_filaments} filaments, level {plan.level}, {plan.n_beads} beads, "
+            f"{plan.planned_steps} steps of {plan.timestep:.3g} us, about {_seconds(plan.predicted_seconds)} on one core")
+    console.print(line, highlight=False)
+    if brief:
+        return
+    chosen = Table("modelled", "value", "because", title="What is modelled", title_justify="left")
+    for c in plan.choices:
+        chosen.add_row(c.what, c.value, c.reason)
+    left = Table("left out", "because", "error to expect", title="What is left out", title_justify="left")
+    for o in plan.omissions:
+        left.add_row(o.what, o.reason, o.error)
+    console.print(chosen, left)
+
+
+class RunProgress:
+    """Progress of a run: part done, rate, time left, present displacement and force; a context manager."""
+
+    def __init__(self) -> None:
+        self._progress = Progress(
+            TextColumn("[bold]{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"),
+            TextColumn("{task.fields[state]}"), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
+            console=Console(stderr=True), refresh_per_second=4)
+        self._task: TaskID | None = None
+
+    def __enter__(self) -> RunProgress:
+        self._progress.start()
+        self._task = self._progress.add_task("pressing", total=None, state="")
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+        self._progress.stop()
+
+    def update(self, step: int, planned: int, displacement: float, force: float) -> None:
+        """Show a state; the signature of :data:`cgfibre.workflow.Progress`."""
+        if self._task is None:
+            return
+        elapsed = self._progress.tasks[0].elapsed or 0.0
+        rate = f"{step / elapsed:.0f} steps/s" if elapsed > 1 else ""
+        self._progress.update(self._task, completed=step, total=planned,
+                              state=f"{displacement:.2f} um  {force:.3g} N  {rate}")
+
+    def note(self, text: str) -> None:
+        """A line above the bar."""
+        self._progress.console.print(text, highlight=False)
+
+
+def print_result(result: RunResult) -> None:
+    """Where the files lie, the main numbers, and what not to trust."""
+    console = Console(soft_wrap=True)
+    s = result.summary
+    share = s["bottom_over_top_at_peak"]
+    console.print(
+        f"peak force {s['peak_force_N']:.3g} N at {float(result.curve['displacement_um'].max()):.3g} um; "
+        f"thickness {s['least_thickness_um']:.4g} um there, {s['final_thickness_um']:.4g} um at the end"
+        + (f"; the bottom platen carried {share:.0%} of the peak" if share is not None else ""), highlight=False)
+    if s["speed_error"] is not None:
+        console.print(f"error: halving the platen speed changes the force by {s['speed_error']:.1%} on average, "
+                      f"{s['speed_error_worst']:.0%} at worst", highlight=False)
+    fit = s["fits"].get("power_law")
+    if fit:
+        console.print(f"eps = a p^b with a = {fit['a']:.3g} +- {fit['a_error']:.1g}, b = {fit['b']:.3g} +- {fit['b_error']:.1g} "
+                      "(p in MPa)", highlight=False)
+    for name in PICTURES:
+        if (result.out / name).exists():
+            console.print(f"picture  {result.out / name}", highlight=False)
+    console.print(f"curve    {result.out / 'curve.csv'}\nresults  {result.out / 'results.h5'}", highlight=False)
+    for warning in s["warnings"]:
+        console.print(f"WARNING  {warning}", highlight=False)
