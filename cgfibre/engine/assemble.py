@@ -351,10 +351,10 @@ def _section(system: FilamentSystem, plan: Plan) -> Deck:
     data = DataFile(
         title="cgfibre, level section, units micro",
         atom_style="hybrid",
-        # hybrid sphere dipole: id type x y z diameter density q mux muy muz; LAMMPS' x, y are the scene's y, z
+        # hybrid sphere dipole bond: id type x y z diameter density q mux muy muz molecule; LAMMPS' x, y: the scene's y, z
         atom_columns=[system.filament_type + 1, system.positions[:, 1], system.positions[:, 2], zero, diameter,
-                      _density(mass, diameter), zero, np.ones(n), zero, zero],
-        atom_format=["%d", *["%.17g"] * 5, "%g", "%g", "%g", "%g"],
+                      _density(mass, diameter), zero, np.ones(n), zero, zero, np.arange(1, n + 1)],
+        atom_format=["%d", *["%.17g"] * 5, "%g", "%g", "%g", "%g", "%d"],
         n_types=n_types,
         box=np.array([box[1], box[2], [-float(np.max(diameter)), float(np.max(diameter))]]),
         pair_style="granular",
