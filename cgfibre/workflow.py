@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -159,19 +161,16 @@ def run_scene(
     folder = out / "deck"
     if not (options.resume and (folder / "system.data").exists()):
         _write_deck(folder, scene, plan, system)
-    companion = _speed_check(scene, plan, system, options, engine)
-    try:
-        engine_s = _run_engine(engine, folder, plan, options, progress, note)
-    except EngineError as error:
-        _keep_what_there_is(out, scene, plan, system, str(error), begin)
-        raise
-    finally:
-        if (folder / "log.lammps").exists():
-            shutil.copyfile(folder / "log.lammps", out / "log.lammps")
-    if companion is not None:
-        if note:
-            note("waiting for the run at half the platen speed")
-        companion.result()
+    with _SpeedCheck(scene, plan, system, options, engine) as check:
+        try:
+            engine_s = _run_engine(engine, folder, plan, options, progress, note)
+        except EngineError as error:
+            _keep_what_there_is(out, scene, plan, system, str(error), begin)
+            raise
+        finally:
+            if (folder / "log.lammps").exists():
+                shutil.copyfile(folder / "log.lammps", out / "log.lammps")
+        check.wait(note)
     return _finish(out, scene, plan, system, _facts(engine, engine_s, begin, options))
 
 
@@ -192,8 +191,9 @@ def _run_engine(
     folder: Path,
     plan: Plan,
     options: RunOptions,
-    progress: Progress | None,
-    note: Callable[[str], None] | None,
+    progress: Progress | None = None,
+    note: Callable[[str], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
 ) -> float:
     """Run or resume the deck in ``folder``; returns the engine's seconds."""
     variables: dict[str, str] = {}
@@ -215,24 +215,48 @@ def _run_engine(
             progress(int(row[0]), plan.planned_steps, row[1], row[2] * 1e-9)
 
     deck = next(folder.glob("in.*")).name
-    return run_deck(engine, folder, deck, options.ranks, variables, poll)
+    return run_deck(engine, folder, deck, options.ranks, variables, poll, cancelled)
 
 
-def _speed_check(
-    scene: Scene, plan: Plan, system: FilamentSystem, options: RunOptions, engine: Engine
-) -> Future[float] | None:
-    """Start the run at half speed beside the main one, on a core of its own."""
-    if not scene.model.speed_check:
-        return None
-    folder = options.out / "half-speed"
-    slow = half_speed(plan)
-    if not (options.resume and (folder / "system.data").exists()):
-        shutil.rmtree(folder, ignore_errors=True)
-        _write_deck(folder, scene, slow, system)
-    pool = ThreadPoolExecutor(1)
-    future = pool.submit(_run_engine, engine, folder, slow, options, None, None)
-    pool.shutdown(wait=False)
-    return future
+class _SpeedCheck:
+    """The run at half speed, beside the main one where there are cores for both, else after it.
+
+    A context manager: leaving it by an error stops the engine that still runs.
+    """
+
+    def __init__(self, scene: Scene, plan: Plan, system: FilamentSystem, options: RunOptions, engine: Engine) -> None:
+        self._wanted = scene.model.speed_check
+        self._given_up = threading.Event()
+        self._pool = ThreadPoolExecutor(1)
+        self._future: Future[float] | None = None
+        self._folder = options.out / "half-speed"
+        self._arguments = (engine, self._folder, half_speed(plan), options)
+        if self._wanted and not (options.resume and (self._folder / "system.data").exists()):
+            shutil.rmtree(self._folder, ignore_errors=True)
+            _write_deck(self._folder, scene, half_speed(plan), system)
+        if self._wanted and (os.cpu_count() or 1) >= 2 * options.ranks:
+            self._start()
+
+    def _start(self) -> None:
+        self._future = self._pool.submit(_run_engine, *self._arguments, cancelled=self._given_up.is_set)
+
+    def __enter__(self) -> _SpeedCheck:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+        self._given_up.set()
+        self._pool.shutdown()
+
+    def wait(self, note: Callable[[str], None] | None) -> None:
+        """Until it is done; an error of its engine is raised here."""
+        if not self._wanted:
+            return
+        if self._future is None:
+            self._start()
+        if note and self._future is not None and not self._future.done():
+            note("the run at half the platen speed goes on")
+        if self._future is not None:
+            self._future.result()
 
 
 def _speed_error(out: Path, plan: Plan, system: FilamentSystem, curve: Curve) -> dict[str, float] | None:
