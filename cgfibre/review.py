@@ -24,6 +24,8 @@ from cgfibre.scene import Scene
 
 #: largest kinetic energy over work beyond the reference displacement
 ENERGY_LIMIT = 0.05
+#: mean change of the force on halving the platen speed, over the accuracy asked for, beyond which a run is distrusted
+SPEED_FACTOR = 2.0
 #: largest turn of a section's disc: its spring's torque k sin(turn) is then 4 % below k turn
 TURN_LIMIT = 0.5
 #: approach over D at which the line contact's theory ends: b/R = 0.58 at 10 N/mm of carbon, 6 % soft there
@@ -71,9 +73,15 @@ def platen_gaps(plan: Plan, system: FilamentSystem, displacement: float) -> tupl
 
 
 def review_run(
-    scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames, extremes: Extremes | None
+    scene: Scene,
+    plan: Plan,
+    system: FilamentSystem,
+    curve: Curve,
+    frames: Frames,
+    extremes: Extremes | None,
+    speed: dict[str, float] | None = None,
 ) -> Review:
-    """All guards, statistics and fits of a run, finished or cut short."""
+    """All guards, statistics and fits of a run, finished or cut short; ``speed`` is what :func:`speed_change` found."""
     found = list(_guards(plan, system, curve, frames))
     if extremes is not None and len(extremes.closest):
         found += _extreme_guards(plan, system, extremes)
@@ -83,6 +91,11 @@ def review_run(
         energy = guards.quasi_static(curve, start, ENERGY_LIMIT)
         found.append(energy)
         ratio = energy.value
+    if speed is not None:
+        limit = SPEED_FACTOR * scene.model.accuracy
+        found.append(Guard("platen speed", speed["mean"] <= limit, speed["mean"], limit,
+                           f"halving the platen speed changes the force by {speed['mean']:.1%} on average (limit {limit:.0%}): "
+                           "not quasi-static; lower model.accuracy or platens.speed"))
     return Review(tuple(found), frame_statistics(scene, plan, system, frames), fit_curve(plan, curve), ratio)
 
 

@@ -311,7 +311,7 @@ def _finish(out: Path, scene: Scene, plan: Plan, system: FilamentSystem, facts: 
     else:
         raise StoreError(f"{out}: neither deck/record.txt nor results.h5: nothing was computed yet")
     speed = _speed_error(out, plan, system, curve)
-    review = review_run(scene, plan, system, curve, frames, extremes)
+    review = review_run(scene, plan, system, curve, frames, extremes, speed)
     summary = _summary(scene, plan, curve, review, speed, facts)
     results = store.Results(system, curve, frames, plan.timestep, review.statistics, scene.to_toml(),
                             json.dumps(store.plain(plan_dict(plan))), summary)
