@@ -158,6 +158,6 @@ class FilamentSystem:
         """(n_beads,) half the length of the bonds that meet at a bead, um (half a bond at an open end)."""
         b = self.bonds()
         length = self.bond_lengths()
-        w = np.bincount(b[:, 0], 0.5 * length, self.n_beads)
+        w: FloatArray = np.bincount(b[:, 0], 0.5 * length, self.n_beads).astype(np.float64, copy=False)
         w += np.bincount(b[:, 1], 0.5 * length, self.n_beads)
         return w
