@@ -205,7 +205,8 @@ def packing_probability(radius: FloatArray, outer_radius: float, epsilon: float,
 
     p(R) = (1 - 2 eps) ((e - exp(R / Rmax)) / (e - 1))^beta + eps, after Sreprateep and Bohez (Computer-Aided Design and
     Applications 3, 2006, 367-376); 1 - eps on the axis, eps at Rmax. The thesis' print loses eps and beta, and its text
-    the exponent. Raises :class:`InputError` unless 0 <= eps <= 1/2, beta >= 0 and 0 <= R <= Rmax.
+    the exponent; this form is the one other implementations of the scheme use (the paper itself was not read).
+    Raises :class:`InputError` unless 0 <= eps <= 1/2, beta >= 0 and 0 <= R <= Rmax.
     """
     if not 0.0 <= epsilon <= 0.5:
         raise InputError("epsilon", epsilon, "a number from 0 to 0.5")
