@@ -190,6 +190,7 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
     station = angles[:, 1] - system.filament_start[system.filament_of_bead[angles[:, 1]]]
     stiffness = plan.beads.hinge[station]
     style = "cosine"
+    rows: list[tuple[float, ...]]
     bend = rest_bends(system)
     if plan.torsion == "dihedral":
         # twist about the shape as built makes sense only if bending knows that shape too
