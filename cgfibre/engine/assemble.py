@@ -150,9 +150,13 @@ def _along(system: FilamentSystem, plan: Plan) -> tuple[IntArray, FloatArray]:
 def _strain(system: FilamentSystem, plan: Plan) -> FloatArray:
     """(n_bonds,) axial strain of the softened filament as built: twist and end load, at their real tension."""
     t = system.types
-    filament = system.filament_of_bead[system.bonds()[:, 0]]
+    bonds = system.bonds()
+    filament = system.filament_of_bead[bonds[:, 0]]
     EA = np.array([k.EA for k in t])[system.filament_type[filament]]
-    tension = EA * system.prestrain[filament] + plan.beads.end_load * max(1, int(np.sum(plan.beads.role == RIGHT)))
+    right = np.tile(plan.beads.role == RIGHT, system.n_filaments)
+    # every held bead is loaded: a bond between two of them carries the outer one's share
+    loaded = np.where(right[bonds[:, 0]] & right[bonds[:, 1]], 1, max(1, int(np.sum(plan.beads.role == RIGHT))))
+    tension = EA * system.prestrain[filament] + plan.beads.end_load * loaded
     return plan.axial_softening * tension / EA
 
 
