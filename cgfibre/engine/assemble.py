@@ -11,7 +11,7 @@ import numpy as np
 from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
 from cgfibre.engine.datafile import DataFile, Topology, group_types
 from cgfibre.errors import InputError
-from cgfibre.plan.model import CONTACT, GRIP, LEFT, RIGHT, Contact, Plan
+from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, Contact, Plan
 
 ROLES = 5
 #: smallest rest bend at which angle harmonic is safe: below 1 mrad it is silently wrong (lammps-findings)
@@ -278,8 +278,8 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         bonds = np.concatenate([bonds, np.column_stack([grips, np.concatenate([first, last])])])
         bond_kind = np.concatenate([bond_kind, np.zeros(len(grips))])
         grip_length = np.linalg.norm(natural[grips] - natural[np.concatenate([first, last])], axis=1)
-        # an end bead holds half a segment: twice the stiffness to the clamp in its middle
-        rest = np.concatenate([rest, grip_length])
+        # the deck's twist stiffness is GJ over the length in the table: a short one makes a stiff grip
+        rest = np.concatenate([rest, grip_length / GRIP_STIFFENING])
         lighter = np.concatenate([lighter, np.minimum(mass[first], mass[first]), mass[last]])
         role = np.concatenate([role, np.full(len(grips), GRIP)])
         mass = np.concatenate([mass, np.full(len(grips), mass[first[0]])])
