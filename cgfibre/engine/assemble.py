@@ -212,23 +212,24 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
         topologies=topologies,
     )
     parameters = _common(system, plan) | {
-        "ghost_cutoff_um": 2.5 * _widest_contact_gap(plan) + float(np.max(diameter)) + 2.0,
+        **_reach(system, plan),
         "angle_style": style,
         "torsion": plan.torsion,
         "support": plan.beads.support,
         "end_load_nN": plan.beads.end_load,
         "boundary_x": "p" if plan.beads.closed else "m",
     }
-    longest = float(np.max(system.bond_lengths()))
-    # LAMMPS looks for bonded partners within the ghost cutoff: angles reach two bonds
-    parameters["ghost_cutoff_um"] = max(float(parameters["ghost_cutoff_um"]), 2.1 * longest)
     if plan.beads.support == "condensed":
         parameters["far_transverse_nN_um"], parameters["far_axial_nN_um"] = plan.beads.far_spring
     return Deck("in.chain", parameters, data, {})
 
 
-def _widest_contact_gap(plan: Plan) -> float:
-    return plan.spacing
+def _reach(system: FilamentSystem, plan: Plan) -> dict[str, float]:
+    """How far beyond its part of the box a rank looks, um: for contacts; on several ranks for bonds too (angles reach
+    two bonds). One rank has all beads of open filaments itself; only the images of closed ones are ghosts."""
+    contact = 2.5 * plan.spacing + float(np.max(system.diameter)) + 2.0
+    bonds = max(contact, 2.5 * float(np.max(system.bond_lengths())))
+    return {"ghost_cutoff_um": bonds if plan.beads.closed else contact, "bond_reach_um": bonds}
 
 
 def _check_curved(bend: FloatArray) -> None:
@@ -309,7 +310,7 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
     )
     box = _box(system)
     parameters = _common(system, plan) | {
-        "ghost_cutoff_um": max(2.5 * float(np.max(lengths)), 2 * kind.diameter + 4.0),
+        **_reach(system, plan),
         "turning_drag": plan.turning_drag,
         "bond_types": len(first_row),
         "angle_types": len(first_angle),
