@@ -10,6 +10,9 @@ from cgfibre.build.system import FloatArray, IntArray
 
 #: roles of a station's beads; bead type in the engine = role * filament kinds + kind + 1
 CONTACT, FREE, LEFT, RIGHT, GRIP = range(5)
+#: twist stiffness of a pinned rod's grip over that of a segment, GJ/s: the rod is held a tenth of a segment beyond each
+#: end, so its twist errs by 0.2 s/L; below E1 = 7.5 G12 the end beads weigh more for it, the step stays
+GRIP_STIFFENING = 10.0
 
 
 @dataclass(frozen=True)

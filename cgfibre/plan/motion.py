@@ -45,16 +45,18 @@ def planned_displacement(scene: Scene, height: float, width: float, n_filaments:
     stop = scene.platens.stop
     d = scene.filament.diameter
     # the assembly may spread to one flat layer, so only that is impossible
-    deepest = height - d
+    thinnest = d if n_filaments > 1 else d / 2  # one filament alone is dented
+    deepest = height - thinnest
     if stop.displacement is not None:
         if stop.displacement >= deepest:
             raise InputError("platens.stop.displacement", f"{stop.displacement:g} um",
-                             f"less than {deepest:.4g} um: the assembly is {height:.4g} um high and one filament stays")
+                             f"less than {deepest:.4g} um: the assembly is {height:.4g} um high and no thinner than "
+                             f"{thinnest:g} um")
         return stop.displacement
     if stop.thickness is not None:
-        if not d < stop.thickness < height:
+        if not thinnest < stop.thickness < height:
             raise InputError("platens.stop.thickness", f"{stop.thickness:g} um",
-                             f"between one diameter ({d:g} um) and the height as built ({height:.4g} um)")
+                             f"between {thinnest:g} um and the height as built ({height:.4g} um)")
         return height - stop.thickness
     solid = n_filaments * math.pi * d**2 / 4 / (DENSEST * width)
     return min(deepest, max(0.3 * height, height - 0.9 * solid))
