@@ -85,9 +85,15 @@ def review_run(
     found = list(_guards(plan, system, curve, frames))
     if extremes is not None and len(extremes.closest):
         found += _extreme_guards(plan, system, extremes)
-    start = REFERENCE_DISPLACEMENT * float(np.max(system.diameter))
+    start = quasi_static_from(plan, system, curve)
     ratio = None
-    if np.any(curve["displacement_um"] >= start):
+    if start is None:
+        limit = plan.motion.quasi_static_force * 1e-9
+        peak = float(np.max(curve["force_top_N"], initial=0.0))
+        found.append(Guard("quasi-static", False, peak, limit,
+                           f"quasi-static: the force ({peak:.2g} N) never reached {limit:.2g} N, below which inertia is more than "
+                           "the accuracy asked for; press further or slower"))
+    else:
         energy = guards.quasi_static(curve, start, ENERGY_LIMIT)
         found.append(energy)
         ratio = energy.value
@@ -97,6 +103,15 @@ def review_run(
                            f"halving the platen speed changes the force by {speed['mean']:.1%} on average (limit {limit:.0%}): "
                            "not quasi-static; lower model.accuracy or platens.speed"))
     return Review(tuple(found), frame_statistics(scene, plan, system, frames), fit_curve(plan, curve), ratio)
+
+
+def quasi_static_from(plan: Plan, system: FilamentSystem, curve: Curve) -> float | None:
+    """Displacement (um) from which on the accuracy asked for is promised: 2/7 D, and the plan's quasi-static force
+    reached; None when the run never got there."""
+    start = REFERENCE_DISPLACEMENT * float(np.max(system.diameter))
+    reached = curve.loading & (curve["force_top_N"] * 1e9 >= plan.motion.quasi_static_force)
+    reached &= curve["displacement_um"] >= min(start, plan.motion.planned_displacement / 2)
+    return float(curve["displacement_um"][reached][0]) if np.any(reached) else None
 
 
 def _guards(plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames) -> list[Guard]:

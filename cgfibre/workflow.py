@@ -28,10 +28,9 @@ from cgfibre.errors import EngineError, InputError, StoreError
 from cgfibre.pictures import draw_all
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.model import Plan
-from cgfibre.plan.motion import REFERENCE_DISPLACEMENT
 from cgfibre.plan.system import build_system
 from cgfibre.record import Curve, Frames
-from cgfibre.review import Review, review_run, speed_change
+from cgfibre.review import Review, quasi_static_from, review_run, speed_change
 from cgfibre.scene import Scene, load_scene
 
 #: progress: (done steps, planned steps, displacement um, force N)
@@ -265,8 +264,8 @@ def _speed_error(out: Path, plan: Plan, system: FilamentSystem, curve: Curve) ->
     if not states or states[0].phase < 3:
         return None
     slow, _, _ = read_run(folder, system, half_speed(plan))
-    start = REFERENCE_DISPLACEMENT * float(np.max(system.diameter))
-    return speed_change(curve, slow, start)
+    start = quasi_static_from(plan, system, curve)
+    return None if start is None else speed_change(curve, slow, start)
 
 
 def _keep_what_there_is(

@@ -70,6 +70,17 @@ def _box(system: FilamentSystem) -> FloatArray:
     return np.asarray(system.box, dtype=float)
 
 
+MAX_BINS = 3e6
+
+
+def _bin_size(system: FilamentSystem) -> float:
+    """Size of neighbour bins that keeps their number down in the box of a long far field, um; 0: the engine's own."""
+    size = system.box[:, 1] - system.box[:, 0]
+    own = 0.5 * float(np.max(system.diameter))
+    needed = float(np.prod(size) / MAX_BINS) ** (1 / 3)
+    return needed if needed > own else 0.0
+
+
 def _span_words(span: tuple[float, float] | None) -> tuple[float | str, float | str]:
     return ("INF", "INF") if span is None else (span[0] - 1e-3, span[1] + 1e-3)
 
@@ -209,6 +220,7 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
     )
     parameters = _common(system, plan) | {
         "ghost_cutoff_um": 2.5 * _widest_contact_gap(plan) + float(np.max(diameter)) + 2.0,
+        "bin_um": _bin_size(system),
         "angle_style": style,
         "torsion": plan.torsion,
         "support": plan.beads.support,
@@ -306,6 +318,7 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
     box = _box(system)
     parameters = _common(system, plan) | {
         "ghost_cutoff_um": max(2.5 * float(np.max(lengths)), 2 * kind.diameter + 4.0),
+        "bin_um": _bin_size(system),
         "turning_drag": plan.turning_drag,
         "bond_types": len(first_row),
         "angle_types": len(first_angle),
