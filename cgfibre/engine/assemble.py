@@ -190,6 +190,7 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
     station = angles[:, 1] - system.filament_start[system.filament_of_bead[angles[:, 1]]]
     stiffness = plan.beads.hinge[station]
     style = "cosine"
+    rows: list[tuple[float, ...]]
     bend = rest_bends(system)
     if plan.torsion == "dihedral":
         # twist about the shape as built makes sense only if bending knows that shape too
@@ -219,7 +220,7 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
         topologies=topologies,
     )
     parameters = _common(system, plan) | {
-        "ghost_cutoff_um": 2.5 * _widest_contact_gap(plan) + float(np.max(diameter)) + 2.0,
+        "ghost_cutoff_um": _ghost_cutoff(system, plan),
         "bin_um": _bin_size(system),
         "angle_style": style,
         "torsion": plan.torsion,
@@ -227,16 +228,15 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
         "end_load_nN": plan.beads.end_load,
         "boundary_x": "p" if plan.beads.closed else "m",
     }
-    longest = float(np.max(system.bond_lengths()))
-    # LAMMPS looks for bonded partners within the ghost cutoff: angles reach two bonds
-    parameters["ghost_cutoff_um"] = max(float(parameters["ghost_cutoff_um"]), 2.1 * longest)
     if plan.beads.support == "condensed":
         parameters["far_transverse_nN_um"], parameters["far_axial_nN_um"] = plan.beads.far_spring
     return Deck("in.chain", parameters, data, {})
 
 
-def _widest_contact_gap(plan: Plan) -> float:
-    return plan.spacing
+def _ghost_cutoff(system: FilamentSystem, plan: Plan) -> float:
+    """Reach of ghost beads, um. Ranks share the filaments out across y and z, never along x, so the long bonds of a far
+    field need no reach."""
+    return 2.5 * plan.spacing + float(np.max(system.diameter)) + 2.0
 
 
 def _check_curved(bend: FloatArray) -> None:
@@ -321,7 +321,7 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         start=positions - natural,
     )
     parameters = _common(system, plan) | {
-        "ghost_cutoff_um": max(2.5 * float(np.max(lengths)), 2 * kind.diameter + 4.0),
+        "ghost_cutoff_um": _ghost_cutoff(system, plan),
         "bin_um": _bin_size(system),
         "turning_drag": plan.turning_drag,
         "bond_types": len(first_row),

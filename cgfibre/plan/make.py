@@ -63,7 +63,8 @@ def arrangement_spec(scene: Scene) -> ArrangementSpec:
         pitch=a.pitch,
         volume_fraction=fraction,
         first_angle=a.first_angle,
-        **({} if a.aspect is None else {"aspect": a.aspect}),
+        aspect=1.0 if a.aspect is None else a.aspect,
+        **({} if a.migration is None else {"epsilon": a.migration.epsilon, "beta": a.migration.beta}),
     )
 
 
