@@ -22,7 +22,7 @@ from cgfibre.engine.assemble import Deck, assemble
 from cgfibre.engine.collect import Extremes, read_run
 from cgfibre.engine.datafile import write_data
 from cgfibre.engine.deck import write_deck
-from cgfibre.engine.dump import last_row, read_states
+from cgfibre.engine.dump import last_row, mend_tables, read_states
 from cgfibre.engine.lammps import Engine, engine_version, find_engine, run_deck
 from cgfibre.errors import EngineError, InputError, StoreError
 from cgfibre.pictures import draw_all
@@ -202,6 +202,7 @@ def _run_engine(
             return 0.0
         if states:
             variables = {"resume": "1", "state": states[0].file}
+            mend_tables(folder)
             if note:
                 note(f"going on from step {states[0].step} of about {plan.planned_steps}")
         else:

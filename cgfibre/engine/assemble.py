@@ -303,6 +303,11 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
     angle_kind, first_angle = group_types(gauge)
     diameter = np.full(beads, kind.diameter)
     n_types = ROLES
+    box = _box(system).copy()
+    if not plan.beads.closed:
+        # grips stand a segment beyond the ends, which is far where the beads are coarse
+        reach = np.concatenate([natural[:, 0], positions[:, 0]])
+        box[0] = min(box[0, 0], reach.min() - kind.diameter), max(box[0, 1], reach.max() + kind.diameter)
     data = DataFile(
         title="cgfibre, level rod, units micro",
         atom_style="hybrid",
@@ -310,7 +315,7 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         atom_columns=[role + 1, natural[:, 0], natural[:, 1], natural[:, 2], molecule, diameter, _density(mass, diameter)],
         atom_format=["%d", "%.17g", "%.17g", "%.17g", "%d", "%.17g", "%.17g"],
         n_types=n_types,
-        box=_box(system),
+        box=box,
         pair_style="granular",
         pair_rows=_pair_rows(n_types, plan.contact),
         topologies=[
@@ -319,7 +324,6 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         ],
         start=positions - natural,
     )
-    box = _box(system)
     parameters = _common(system, plan) | {
         "ghost_cutoff_um": _ghost_cutoff(system, plan),
         "bin_um": _bin_size(system),
