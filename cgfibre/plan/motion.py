@@ -24,6 +24,7 @@ SPEED_RATIO = 30.0
 BUDGET, LEAST_STEPS, MOST_STEPS = 6e8, 400_000, 1_500_000
 #: an automatic speed that would have to be raised more than this gives up growing: slow where the force is large
 EVEN_SPEED = 3.0
+SPREAD = 3.0  # times wider than built: the most that an assembly is expected to flatten
 READINGS = 20  # of forces within a record row
 CHECKPOINTS = 20  # a run
 DENSEST = math.pi / (2 * math.sqrt(3))  # hexagonal packing of touching circles
@@ -38,9 +39,9 @@ def film_time(first: float, last: float, growth: float, displacement: float) -> 
 
 
 def planned_displacement(scene: Scene, height: float, width: float, n_filaments: int) -> float:
-    """Displacement at the planned stop, um; for a stop by force or pressure the one at solid packing.
+    """Displacement at the planned stop, um; for a stop by force or pressure the deepest that makes sense.
 
-    Raises InputError when the stop lies beyond solid packing (hexagonal, 0.9069, over the present width).
+    Raises InputError when the stop lies beyond what the assembly can give: one flat layer of filaments.
     """
     stop = scene.platens.stop
     d = scene.filament.diameter
@@ -58,8 +59,9 @@ def planned_displacement(scene: Scene, height: float, width: float, n_filaments:
             raise InputError("platens.stop.thickness", f"{stop.thickness:g} um",
                              f"between {thinnest:g} um and the height as built ({height:.4g} um)")
         return height - stop.thickness
-    solid = n_filaments * math.pi * d**2 / 4 / (DENSEST * width)
-    return min(deepest, max(0.3 * height, height - 0.9 * solid))
+    # a stop by force or pressure comes where it comes; no later than solid filaments spread to SPREAD times the width
+    solid = n_filaments * math.pi * d**2 / 4 / (DENSEST * SPREAD * max(width, height))
+    return min(deepest, height - solid)
 
 
 @dataclass(frozen=True)
