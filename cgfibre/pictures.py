@@ -123,6 +123,6 @@ def _bundle(
     if plan.contact.law == "hooke":
         contacts = contacts_under_platen(plan, system, positions)
         force = contacts.force_per_filament(system.n_filaments) * 1e-6
-        colours = plot.Colours.spanning("sum of contact forces on a filament (mN)", force)
+        colours = plot.Colours.spanning("contact force on a filament (mN)", force)
     view = plot.BundleView(values=force, colours=colours, platens=faces, title=f"pressed by {frames.displacement_um[k]:.3g} µm")
     return _save(plot.figure_bundle_3d(system, positions, view), out / "bundle.png")
