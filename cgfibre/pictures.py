@@ -31,22 +31,19 @@ def frames_to_show(frames: Frames) -> list[tuple[int, str]]:
 def draw_all(
     out: Path, scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames, summary: dict[str, Any]
 ) -> list[Path]:
-    """Write curve.png, pressure.png, energy.png, sections.png, distribution.png and bundle.png; returns their paths."""
+    """Write the pictures that fit the run (curve, pressure, energy, sections, distribution, bundle); returns their paths."""
     made = [_curve(out, scene, curve, summary), _pressure(out, scene, curve, summary), _energy(out, curve)]
     if len(frames) < 2 or not np.all(np.isfinite(frames.positions)):
         return made
     shown = frames_to_show(frames)
     x, d = mid_plane(scene, plan), float(np.max(system.diameter))
-    top, bottom = platen_heights(system, plan)
-    flat = plan.platens.shape != "crimped"
-    sections = []
-    for k, title in shown:
-        centres = distribution.section_at(system, frames.positions[k], x)
-        local = distribution.local_volume_fraction(centres, d) if len(centres) >= 3 else None
-        shift = float(frames.displacement_um[k])
-        sections.append(plot.Section(centres, d, bottom if flat else None, top - shift if flat else None, local, title))
-    colours = plot.Colours.spanning("local fibre volume fraction", *(s.values for s in sections))
-    made.append(_save(plot.figure_sections(sections, colours), out / "sections.png"))
+    heights = platen_heights(system, plan)
+    edge = plan.platens.top_span
+    # between the edges of a finite anvil the filaments sag away from it: both places are worth seeing
+    planes = [(x, "", "sections.png")] if edge is None else [
+        (edge[0], "at the anvil's edge", "sections.png"), (x, "at mid-span", "sections_middle.png")]
+    for plane, where, name in planes:
+        made.append(_save(_sections(plan, system, frames, shown, plane, where, heights), out / name))
     peak = shown[2][0]
     if system.n_filaments >= 3:
         before = distribution.section_at(system, frames.positions[0], x)
@@ -56,8 +53,29 @@ def draw_all(
             distribution.fit_distribution(before, reference), distribution.fit_distribution(after, reference)),
             out / "distribution.png"))
     if plan.level != "section":
-        made.append(_bundle(out, scene, plan, system, frames, peak, (top, bottom)))
+        made.append(_bundle(out, scene, plan, system, frames, peak, heights))
     return made
+
+
+def _sections(
+    plan: Plan, system: FilamentSystem, frames: Frames, shown: list[tuple[int, str]], plane: float, where: str,
+    heights: tuple[float, float],
+) -> Any:
+    d = float(np.max(system.diameter))
+    top, bottom = heights
+    flat = plan.platens.shape != "crimped"
+    sections = []
+    for k, title in shown:
+        centres = distribution.section_at(system, frames.positions[k], plane)
+        centres = centres[np.isfinite(centres).all(axis=1)]
+        local = distribution.local_volume_fraction(centres, d, reach=d) if len(centres) >= 3 else None
+        shift = float(frames.displacement_um[k])
+        sections.append(plot.Section(centres, d, bottom if flat else None, top - shift if flat else None, local, title))
+    colours = plot.Colours.spanning("local fibre volume fraction", *(s.values for s in sections))
+    figure = plot.figure_sections(sections, colours)
+    if where:
+        figure.suptitle(where)
+    return figure
 
 
 def _save(figure: Any, path: Path) -> Path:

@@ -302,7 +302,7 @@ def plot_energy(ax: Axes, curve: Curve) -> Axes:
         late, time_unit = _prefix(curve["time_us"] * 1e-6, "s")
         t = curve["time_us"] * 1e-6 * late
         work, stored, kinetic = (curve[k] * factor for k in ("work_J", "stored_J", "kinetic_J"))
-        ax.fill_between(t, 0, stored, color=BLUE, alpha=0.55, lw=0, label="stored in the filaments and contacts")
+        ax.fill_between(t, 0, stored, color=BLUE, alpha=0.55, lw=0, label="stored in filaments, springs and end load")
         ax.fill_between(t, stored, stored + kinetic, color=VERMILION, alpha=0.9, lw=0, label="kinetic")
         dissipated = np.maximum(work, stored + kinetic)
         ax.fill_between(

@@ -12,7 +12,7 @@ from cgfibre.plan.model import Plan
 from cgfibre.scene import Scene
 from cgfibre.workflow import RunResult
 
-PICTURES = ("curve.png", "pressure.png", "sections.png", "bundle.png", "energy.png", "distribution.png")
+PICTURES = ("curve.png", "pressure.png", "sections.png", "sections_middle.png", "bundle.png", "energy.png", "distribution.png")
 
 
 def _seconds(t: float) -> str:

@@ -24,6 +24,8 @@ from cgfibre.scene import Scene
 
 #: largest kinetic energy over work beyond the reference displacement
 ENERGY_LIMIT = 0.05
+#: mean change of the force on halving the platen speed, over the accuracy asked for, beyond which a run is distrusted
+SPEED_FACTOR = 2.0
 #: largest turn of a section's disc: its spring's torque k sin(turn) is then 4 % below k turn
 TURN_LIMIT = 0.5
 #: approach over D at which the line contact's theory ends: b/R = 0.58 at 10 N/mm of carbon, 6 % soft there
@@ -36,12 +38,15 @@ Gap = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class Review:
-    """What was measured: guards, statistics (name -> values a frame, units), fits of the loading curve."""
+    """What was measured: guards, statistics (name -> values a frame, units), fits of the loading curve, and the
+    displacement and force from which on the run is quasi-static to the accuracy asked for."""
 
     guards: tuple[Guard, ...]
     statistics: dict[str, tuple[np.ndarray, str]]
     fits: dict[str, Any]
     energy_ratio: float | None
+    quasi_static_um: float | None = None
+    quasi_static_N: float | None = None
 
     @property
     def ok(self) -> bool:
@@ -71,19 +76,49 @@ def platen_gaps(plan: Plan, system: FilamentSystem, displacement: float) -> tupl
 
 
 def review_run(
-    scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames, extremes: Extremes | None
+    scene: Scene,
+    plan: Plan,
+    system: FilamentSystem,
+    curve: Curve,
+    frames: Frames,
+    extremes: Extremes | None,
+    speed: dict[str, float] | None = None,
 ) -> Review:
-    """All guards, statistics and fits of a run, finished or cut short."""
+    """All guards, statistics and fits of a run, finished or cut short; ``speed`` is what :func:`speed_change` found."""
     found = list(_guards(plan, system, curve, frames))
     if extremes is not None and len(extremes.closest):
         found += _extreme_guards(plan, system, extremes)
-    start = REFERENCE_DISPLACEMENT * float(np.max(system.diameter))
+    start = quasi_static_from(plan, system, curve)
     ratio = None
-    if np.any(curve["displacement_um"] >= start):
+    if start is None:
+        limit = float(plan.motion.quasi_static_force(np.max(curve["displacement_um"]))) * 1e-9
+        peak = float(np.max(curve["force_top_N"], initial=0.0))
+        found.append(Guard("quasi-static", False, peak, limit,
+                           f"quasi-static: the force ({peak:.2g} N) did not rise above {limit:.2g} N, below which inertia is "
+                           "more than the accuracy asked for; press further or slower"))
+    else:
         energy = guards.quasi_static(curve, start, ENERGY_LIMIT)
         found.append(energy)
         ratio = energy.value
-    return Review(tuple(found), frame_statistics(scene, plan, system, frames), fit_curve(plan, curve), ratio)
+    if speed is not None:
+        limit = SPEED_FACTOR * scene.model.accuracy
+        found.append(Guard("platen speed", speed["mean"] <= limit, speed["mean"], limit,
+                           f"halving the platen speed changes the force by {speed['mean']:.1%} on average (limit {limit:.0%}): "
+                           "not quasi-static; lower model.accuracy or platens.speed"))
+    force = None if start is None else float(plan.motion.quasi_static_force(np.array(start))) * 1e-9
+    return Review(tuple(found), frame_statistics(scene, plan, system, frames), fit_curve(plan, curve), ratio, start, force)
+
+
+def quasi_static_from(plan: Plan, system: FilamentSystem, curve: Curve) -> float | None:
+    """Displacement (um) from which on the accuracy asked for is promised; None when the run never gets there.
+
+    At least 2/7 D, and from there on every loading force above the plan's quasi-static force at its speed.
+    """
+    d, force = curve["displacement_um"][curve.loading], curve["force_top_N"][curve.loading] * 1e9
+    start = min(REFERENCE_DISPLACEMENT * float(np.max(system.diameter)), plan.motion.planned_displacement / 2)
+    short = np.flatnonzero((d < start) | (force < plan.motion.quasi_static_force(d)))
+    after = int(short[-1]) + 1 if len(short) else 0
+    return float(d[after]) if after < len(d) else None
 
 
 def _guards(plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames) -> list[Guard]:
@@ -203,7 +238,7 @@ def _contact_row(plan: Plan, system: FilamentSystem, positions: FloatArray) -> d
 
 def fit_curve(plan: Plan, curve: Curve) -> dict[str, Any]:
     """Power law eps = a p^b over the quasi-static part of the loading branch, tangent modulus there, hysteresis."""
-    loading = curve.loading & (curve["force_top_N"] > plan.motion.quasi_static_force * 1e-9)
+    loading = curve.loading & (curve["force_top_N"] * 1e9 > plan.motion.quasi_static_force(curve["displacement_um"]))
     thickness = float(curve["thickness_um"][0])
     fits: dict[str, Any] = {}
     strain = compaction.compressive_strain(curve["displacement_um"], thickness)

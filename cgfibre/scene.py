@@ -235,7 +235,9 @@ class Bundle(_Table):
 
     kind: Literal["bundle"] = "bundle"
     count: Annotated[int, Value(whole=True, least=1, most=10_000_000)]
-    arrangement: Literal["circular", "hexagonal", "rectangular", "elliptic", "racetrack", "random"] = "circular"
+    arrangement: Literal[
+        "circular", "hexagonal", "rectangular", "elliptic", "racetrack", "virtual", "random"
+    ] = "circular"
     pitch: Annotated[float | None, Value("um", above=0.0, most=1e7)] = None
     void_fraction: Annotated[float | None, Value(least=LEAST_VOID_FRACTION, most=0.95)] = None
     fibre_volume_fraction: Annotated[float | None, Value(least=0.05, most=0.80)] = None
@@ -275,7 +277,7 @@ class Bundle(_Table):
         elif self.first_angle != 0.0:
             expected = f"no such key: it turns the rings of a circular arrangement, this one is {self.arrangement}"
             raise _refusal("first_angle", self._shown("first_angle"), expected)
-        if self.aspect is not None and self.arrangement in ("circular", "hexagonal", "random"):
+        if self.aspect is not None and self.arrangement in ("circular", "hexagonal", "virtual", "random"):
             expected = f"no such key: it shapes rectangular, elliptic and racetrack, this one is {self.arrangement}"
             raise _refusal("aspect", self.aspect, expected)
         return self
@@ -487,6 +489,8 @@ def _height(scene: Scene) -> float:
             off = (bundle.first_angle - math.pi / 2.0) % step
             top = max(top, ring * p * math.cos(min(off, step - off)))
         return 2.0 * top + diameter
+    if bundle.arrangement == "virtual":  # open: at worst a third of the ring locations are taken
+        return 2.0 * p * (math.ceil(math.sqrt(bundle.count)) + 1) + diameter
     area = bundle.count * p * p * math.sqrt(3.0) / 2.0
     if bundle.fibre_volume_fraction is not None:
         area = bundle.count * math.pi * diameter**2 / (4.0 * bundle.fibre_volume_fraction)

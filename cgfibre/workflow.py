@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -20,16 +22,15 @@ from cgfibre.engine.assemble import Deck, assemble
 from cgfibre.engine.collect import Extremes, read_run
 from cgfibre.engine.datafile import write_data
 from cgfibre.engine.deck import write_deck
-from cgfibre.engine.dump import last_row, read_states
+from cgfibre.engine.dump import last_row, mend_tables, read_states
 from cgfibre.engine.lammps import Engine, engine_version, find_engine, run_deck
 from cgfibre.errors import EngineError, InputError, StoreError
 from cgfibre.pictures import draw_all
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.model import Plan
-from cgfibre.plan.motion import REFERENCE_DISPLACEMENT
 from cgfibre.plan.system import build_system
 from cgfibre.record import Curve, Frames
-from cgfibre.review import Review, review_run, speed_change
+from cgfibre.review import Review, quasi_static_from, review_run, speed_change
 from cgfibre.scene import Scene, load_scene
 
 #: progress: (done steps, planned steps, displacement um, force N)
@@ -159,19 +160,16 @@ def run_scene(
     folder = out / "deck"
     if not (options.resume and (folder / "system.data").exists()):
         _write_deck(folder, scene, plan, system)
-    companion = _speed_check(scene, plan, system, options, engine)
-    try:
-        engine_s = _run_engine(engine, folder, plan, options, progress, note)
-    except EngineError as error:
-        _keep_what_there_is(out, scene, plan, system, str(error), begin)
-        raise
-    finally:
-        if (folder / "log.lammps").exists():
-            shutil.copyfile(folder / "log.lammps", out / "log.lammps")
-    if companion is not None:
-        if note:
-            note("waiting for the run at half the platen speed")
-        companion.result()
+    with _SpeedCheck(scene, plan, system, options, engine) as check:
+        try:
+            engine_s = _run_engine(engine, folder, plan, options, progress, note)
+        except EngineError as error:
+            _keep_what_there_is(out, scene, plan, system, str(error), begin)
+            raise
+        finally:
+            if (folder / "log.lammps").exists():
+                shutil.copyfile(folder / "log.lammps", out / "log.lammps")
+        check.wait(note)
     return _finish(out, scene, plan, system, _facts(engine, engine_s, begin, options))
 
 
@@ -192,8 +190,9 @@ def _run_engine(
     folder: Path,
     plan: Plan,
     options: RunOptions,
-    progress: Progress | None,
-    note: Callable[[str], None] | None,
+    progress: Progress | None = None,
+    note: Callable[[str], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
 ) -> float:
     """Run or resume the deck in ``folder``; returns the engine's seconds."""
     variables: dict[str, str] = {}
@@ -203,6 +202,7 @@ def _run_engine(
             return 0.0
         if states:
             variables = {"resume": "1", "state": states[0].file}
+            mend_tables(folder)
             if note:
                 note(f"going on from step {states[0].step} of about {plan.planned_steps}")
         else:
@@ -215,24 +215,48 @@ def _run_engine(
             progress(int(row[0]), plan.planned_steps, row[1], row[2] * 1e-9)
 
     deck = next(folder.glob("in.*")).name
-    return run_deck(engine, folder, deck, options.ranks, variables, poll)
+    return run_deck(engine, folder, deck, options.ranks, variables, poll, cancelled)
 
 
-def _speed_check(
-    scene: Scene, plan: Plan, system: FilamentSystem, options: RunOptions, engine: Engine
-) -> Future[float] | None:
-    """Start the run at half speed beside the main one, on a core of its own."""
-    if not scene.model.speed_check:
-        return None
-    folder = options.out / "half-speed"
-    slow = half_speed(plan)
-    if not (options.resume and (folder / "system.data").exists()):
-        shutil.rmtree(folder, ignore_errors=True)
-        _write_deck(folder, scene, slow, system)
-    pool = ThreadPoolExecutor(1)
-    future = pool.submit(_run_engine, engine, folder, slow, options, None, None)
-    pool.shutdown(wait=False)
-    return future
+class _SpeedCheck:
+    """The run at half speed, beside the main one where there are cores for both, else after it.
+
+    A context manager: leaving it by an error stops the engine that still runs.
+    """
+
+    def __init__(self, scene: Scene, plan: Plan, system: FilamentSystem, options: RunOptions, engine: Engine) -> None:
+        self._wanted = scene.model.speed_check
+        self._given_up = threading.Event()
+        self._pool = ThreadPoolExecutor(1)
+        self._future: Future[float] | None = None
+        self._folder = options.out / "half-speed"
+        self._arguments = (engine, self._folder, half_speed(plan), options)
+        if self._wanted and not (options.resume and (self._folder / "system.data").exists()):
+            shutil.rmtree(self._folder, ignore_errors=True)
+            _write_deck(self._folder, scene, half_speed(plan), system)
+        if self._wanted and (os.cpu_count() or 1) >= 2 * options.ranks:
+            self._start()
+
+    def _start(self) -> None:
+        self._future = self._pool.submit(_run_engine, *self._arguments, cancelled=self._given_up.is_set)
+
+    def __enter__(self) -> _SpeedCheck:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+        self._given_up.set()
+        self._pool.shutdown()
+
+    def wait(self, note: Callable[[str], None] | None) -> None:
+        """Until it is done; an error of its engine is raised here."""
+        if not self._wanted:
+            return
+        if self._future is None:
+            self._start()
+        if note and self._future is not None and not self._future.done():
+            note("the run at half the platen speed goes on")
+        if self._future is not None:
+            self._future.result()
 
 
 def _speed_error(out: Path, plan: Plan, system: FilamentSystem, curve: Curve) -> dict[str, float] | None:
@@ -241,8 +265,8 @@ def _speed_error(out: Path, plan: Plan, system: FilamentSystem, curve: Curve) ->
     if not states or states[0].phase < 3:
         return None
     slow, _, _ = read_run(folder, system, half_speed(plan))
-    start = REFERENCE_DISPLACEMENT * float(np.max(system.diameter))
-    return speed_change(curve, slow, start)
+    start = quasi_static_from(plan, system, curve)
+    return None if start is None else speed_change(curve, slow, start)
 
 
 def _keep_what_there_is(
@@ -287,7 +311,7 @@ def _finish(out: Path, scene: Scene, plan: Plan, system: FilamentSystem, facts: 
     else:
         raise StoreError(f"{out}: neither deck/record.txt nor results.h5: nothing was computed yet")
     speed = _speed_error(out, plan, system, curve)
-    review = review_run(scene, plan, system, curve, frames, extremes)
+    review = review_run(scene, plan, system, curve, frames, extremes, speed)
     summary = _summary(scene, plan, curve, review, speed, facts)
     results = store.Results(system, curve, frames, plan.timestep, review.statistics, scene.to_toml(),
                             json.dumps(store.plain(plan_dict(plan))), summary)
@@ -329,7 +353,8 @@ def _summary(
         "energy_ratio": review.energy_ratio,
         "speed_error": speed["mean"] if speed else None,
         "speed_error_worst": speed["worst"] if speed else None,
-        "quasi_static_from_N": plan.motion.quasi_static_force * 1e-9,
+        "quasi_static_from_um": review.quasi_static_um,
+        "quasi_static_from_N": review.quasi_static_N,
         "fits": review.fits,
         "guards": [asdict(g) for g in review.guards],
         "warnings": [g.message for g in review.guards if not g.ok],

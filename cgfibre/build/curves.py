@@ -77,8 +77,8 @@ def migration_radius(
     ``angle`` t rad is the helix' rotation and ``height`` h um its axial advance per radian, so that h t = x; Rmin and
     Rmax ``inner`` and ``outer`` um; lambda ``wavelength`` um along x. The thesis' print (after Sreprateep and Bohez,
     Computer-Aided Design and Applications 3, 2006, 367-376) has lost its fraction bars; this is the form in which h is
-    the height, lambda the wavelength, and the period of R is lambda. Raises :class:`InputError` unless
-    0 <= Rmin <= Rmax and lambda > 0.
+    the height, lambda the wavelength, and the period of R is lambda (our reading: the paper itself was not read).
+    Raises :class:`InputError` unless 0 <= Rmin <= Rmax and lambda > 0.
     """
     if not 0.0 <= inner <= outer:
         raise InputError("inner", inner, f"a radius from 0 to the outer one, {outer:g}")

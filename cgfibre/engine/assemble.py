@@ -70,6 +70,17 @@ def _box(system: FilamentSystem) -> FloatArray:
     return np.asarray(system.box, dtype=float)
 
 
+MAX_BINS = 3e6
+
+
+def _bin_size(system: FilamentSystem) -> float:
+    """Size of neighbour bins that keeps their number down in the box of a long far field, um; 0: the engine's own."""
+    size = system.box[:, 1] - system.box[:, 0]
+    own = 0.5 * float(np.max(system.diameter))
+    needed = float(np.prod(size) / MAX_BINS) ** (1 / 3)
+    return needed if needed > own else 0.0
+
+
 def _span_words(span: tuple[float, float] | None) -> tuple[float | str, float | str]:
     return ("INF", "INF") if span is None else (span[0] - 1e-3, span[1] + 1e-3)
 
@@ -183,6 +194,7 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
     station = angles[:, 1] - system.filament_start[system.filament_of_bead[angles[:, 1]]]
     stiffness = plan.beads.hinge[station]
     style = "cosine"
+    rows: list[tuple[float, ...]]
     bend = rest_bends(system)
     if plan.torsion == "dihedral":
         # twist about the shape as built makes sense only if bending knows that shape too
@@ -213,7 +225,8 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
         topologies=topologies,
     )
     parameters = _common(system, plan) | {
-        **_reach(system, plan),
+        "ghost_cutoff_um": _ghost_cutoff(system, plan),
+        "bin_um": _bin_size(system),
         "angle_style": style,
         "torsion": plan.torsion,
         "support": plan.beads.support,
@@ -225,12 +238,10 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
     return Deck("in.chain", parameters, data, {})
 
 
-def _reach(system: FilamentSystem, plan: Plan) -> dict[str, float]:
-    """How far beyond its part of the box a rank looks, um: for contacts; on several ranks for bonds too (angles reach
-    two bonds). One rank has all beads of open filaments itself; only the images of closed ones are ghosts."""
-    contact = 2.5 * plan.spacing + float(np.max(system.diameter)) + 2.0
-    bonds = max(contact, 2.5 * float(np.max(system.bond_lengths())))
-    return {"ghost_cutoff_um": bonds if plan.beads.closed else contact, "bond_reach_um": bonds}
+def _ghost_cutoff(system: FilamentSystem, plan: Plan) -> float:
+    """Reach of ghost beads, um. Ranks share the filaments out across y and z, never along x, so the long bonds of a far
+    field need no reach."""
+    return 2.5 * plan.spacing + float(np.max(system.diameter)) + 2.0
 
 
 def _check_curved(bend: FloatArray) -> None:
@@ -310,6 +321,11 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
     angle_kind, first_angle = group_types(gauge)
     diameter = np.full(beads, kind.diameter)
     n_types = ROLES
+    box = _box(system).copy()
+    if not plan.beads.closed:
+        # grips stand a segment beyond the ends, which is far where the beads are coarse
+        reach = np.concatenate([natural[:, 0], positions[:, 0]])
+        box[0] = min(box[0, 0], reach.min() - kind.diameter), max(box[0, 1], reach.max() + kind.diameter)
     data = DataFile(
         title="cgfibre, level rod, units micro",
         atom_style="hybrid",
@@ -317,7 +333,7 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         atom_columns=[role + 1, natural[:, 0], natural[:, 1], natural[:, 2], molecule, diameter, _density(mass, diameter)],
         atom_format=["%d", "%.17g", "%.17g", "%.17g", "%d", "%.17g", "%.17g"],
         n_types=n_types,
-        box=_box(system),
+        box=box,
         pair_style="granular",
         pair_rows=_pair_rows(n_types, plan.contact),
         topologies=[
@@ -326,9 +342,9 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         ],
         start=positions - natural,
     )
-    box = _box(system)
     parameters = _common(system, plan) | {
-        **_reach(system, plan),
+        "ghost_cutoff_um": _ghost_cutoff(system, plan),
+        "bin_um": _bin_size(system),
         "turning_drag": plan.turning_drag,
         "bond_types": len(first_row),
         "angle_types": len(first_angle),
@@ -374,10 +390,10 @@ def _section(system: FilamentSystem, plan: Plan) -> Deck:
     data = DataFile(
         title="cgfibre, level section, units micro",
         atom_style="hybrid",
-        # hybrid sphere dipole: id type x y z diameter density q mux muy muz; LAMMPS' x, y are the scene's y, z
+        # hybrid sphere dipole bond: id type x y z diameter density q mux muy muz molecule; LAMMPS' x, y: the scene's y, z
         atom_columns=[system.filament_type + 1, system.positions[:, 1], system.positions[:, 2], zero, diameter,
-                      _density(mass, diameter), zero, np.ones(n), zero, zero],
-        atom_format=["%d", *["%.17g"] * 5, "%g", "%g", "%g", "%g"],
+                      _density(mass, diameter), zero, np.ones(n), zero, zero, np.arange(1, n + 1)],
+        atom_format=["%d", *["%.17g"] * 5, "%g", "%g", "%g", "%g", "%d"],
         n_types=n_types,
         box=np.array([box[1], box[2], [-float(np.max(diameter)), float(np.max(diameter))]]),
         pair_style="granular",

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from cgfibre.build.system import FilamentSystem, FloatArray
 from cgfibre.engine.assemble import platen_heights
@@ -72,7 +71,7 @@ def curve_of(raw: RawRecord, system: FilamentSystem, plan: Plan) -> Curve:
         "fibre_volume_fraction": math.pi / 4 * float(np.sum(system.diameter**2)) / (width * thickness),
         "kinetic_J": _with_start(0.0, m["kinetic"]) * JOULE,
         "stored_J": _with_start(0.0, stored) * JOULE,
-        "work_J": cumulative_trapezoid(force, d, initial=0.0) * JOULE,
+        "work_J": np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(d))]) * JOULE,
     }
     phase = phases(d)
     phase[0] = 0

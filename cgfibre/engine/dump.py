@@ -5,6 +5,8 @@ A killed run leaves a last row or frame cut short, a resumed one repeats rows: b
 
 from __future__ import annotations
 
+import mmap
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,6 +19,9 @@ from cgfibre.build.system import FloatArray, IntArray
 RECORD_COLUMNS = ("step", "displacement", "top_force", "bottom_force", "kinetic", "stored", "width", "pressure", "end_path")
 EXTREME_COLUMNS = ("step", "displacement", "y_lo", "y_hi", "z_lo", "z_hi", "closest", "turn",
                    "stored", "end_path")
+
+
+FRAME = b"ITEM: TIMESTEP\n"
 
 
 @dataclass(frozen=True)
@@ -88,31 +93,47 @@ def read_record(folder: Path) -> RawRecord:
     )
 
 
+def mend_tables(folder: Path) -> None:
+    """Cut a row that a kill or a full disk left unfinished off record.txt and extremes.txt, before more are appended."""
+    for path in (folder / "record.txt", folder / "extremes.txt"):
+        if path.exists():
+            whole = path.read_bytes().rfind(b"\n") + 1
+            os.truncate(path, whole)
+
+
 def iterate_frames(path: Path, n_beads: int) -> Iterator[tuple[int, FloatArray]]:
     """(step, positions (n_beads, 3) by bead id) of every whole frame in a text dump ``id mol type xu yu zu radius``.
 
-    Beads beyond ``n_beads`` (a rod's grips come last) are dropped.
+    Beads beyond ``n_beads`` (a rod's grips come last) are dropped. A frame that a kill cut short is left out, also when
+    a resumed run wrote on behind it.
     """
-    if not path.exists():
+    if not path.exists() or path.stat().st_size == 0:
         return
-    with path.open("rb") as f:
-        while True:
-            header = [f.readline() for _ in range(9)]
-            if len(header[8]) == 0 or not header[8].endswith(b"\n") or not header[0].startswith(b"ITEM: TIMESTEP"):
-                return
-            step, n = int(header[1]), int(header[3])
-            lines = [f.readline() for _ in range(n)]
-            if not lines or not lines[-1].endswith(b"\n"):
-                return
-            values = np.fromstring(b"".join(lines).decode("ascii"), sep=" ")
-            if values.size != 7 * n:
-                return
-            table = values.reshape(n, 7)
-            positions = np.full((n_beads, 3), np.nan)
-            ids = table[:, 0].astype(np.int64) - 1
-            keep = ids < n_beads
-            positions[ids[keep]] = table[keep, 3:6]
-            yield step, positions
+    with path.open("rb") as f, mmap.mmap(f.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        start = data.find(FRAME)
+        while start >= 0:
+            end = data.find(FRAME, start + 1)
+            found = _frame(data[start : end if end >= 0 else len(data)], n_beads)
+            start = end
+            if found is not None:
+                yield found
+
+
+def _frame(block: bytes, n_beads: int) -> tuple[int, FloatArray] | None:
+    """Step and positions of one frame; None when it is not whole."""
+    head = block.split(b"\n", 9)
+    if len(head) < 10:
+        return None
+    step, n = int(head[1]), int(head[3])
+    rows = head[9].split(b"\n", n)
+    if len(rows) <= n:
+        return None
+    table = np.array(b" ".join(rows[:n]).split(), dtype=float).reshape(n, 7)
+    positions = np.full((n_beads, 3), np.nan)
+    ids = table[:, 0].astype(np.int64) - 1
+    keep = ids < n_beads
+    positions[ids[keep]] = table[keep, 3:6]
+    return step, positions
 
 
 def read_states(folder: Path) -> list[State]:

@@ -146,11 +146,12 @@ def run_deck(
     ranks: int = 1,
     variables: Mapping[str, str] | None = None,
     poll: Callable[[], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
 ) -> float:
     """Run ``deck`` in ``folder`` until it ends; returns the engine's wall time in seconds.
 
-    ``variables`` go to the deck as ``-var``; ``poll`` is called about five times a second while the engine runs. The
-    log is ``log.lammps`` in the folder; that of an earlier run there is kept as ``log.N.lammps``.
+    ``variables`` go to the deck as ``-var``; ``poll`` is called about five times a second while the engine runs, and
+    ``cancelled`` asked whether to stop it. The log is ``log.lammps`` in the folder; that of an earlier run there is kept as ``log.N.lammps``.
     Raises EngineError with the reason and the remedy when the engine stops on an error.
     """
     log = folder / "log.lammps"
@@ -179,6 +180,8 @@ def run_deck(
                     wait = 0.2
                     if poll is not None:
                         poll()
+                    if cancelled is not None and cancelled():
+                        raise EngineError("the run was given up", "go on with --resume") from None
         except BaseException:
             process.terminate()
             try:

@@ -6,11 +6,11 @@ pressure it was fitted to (the thesis uses MPa).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
 from cgfibre.build.system import FloatArray, IntArray
 from cgfibre.errors import InputError
@@ -121,16 +121,17 @@ def fit_power_law(
     use = (p > 0) & (eps > 0) & (p >= low) & (p <= high)
     if np.unique(p[use]).size < max(min_points, 3):
         raise InputError("window", window, f"at least {max(min_points, 3)} samples of positive pressure and strain")
-    fit = stats.linregress(np.log(p[use]), np.log(eps[use]))
-    a = float(np.exp(fit.intercept))
+    x, y = np.log(p[use]), np.log(eps[use])
+    (slope, intercept), covariance = np.polyfit(x, y, 1, cov=True)
+    a = float(np.exp(intercept))
     return PowerLaw(
         a=a,
-        b=float(fit.slope),
-        a_error=a * float(fit.intercept_stderr),
-        b_error=float(fit.stderr),
+        b=float(slope),
+        a_error=a * math.sqrt(max(covariance[1, 1], 0.0)),
+        b_error=math.sqrt(max(covariance[0, 0], 0.0)),
         window=(float(p[use].min()), float(p[use].max())),
         n_points=int(use.sum()),
-        r_squared=float(fit.rvalue) ** 2,
+        r_squared=float(np.corrcoef(x, y)[0, 1]) ** 2,
     )
 
 

@@ -28,7 +28,7 @@ def build_system(scene: Scene, plan: Plan) -> FilamentSystem:
         twist=a.twist if a.twist_direction == "Z" else -a.twist,
         twist_state=a.twist_state,
         migration=None if a.migration is None else MigrationSpec(
-            period=a.migration.period, minimum_radius=a.migration.minimum_radius),
+            period=a.migration.period, inner=a.migration.minimum_radius),
         jitter=a.jitter,
     )
     if plan.level == "section":

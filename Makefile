@@ -1,0 +1,37 @@
+# make demo: the main job; make test: the tests. Both set up .venv with all they need first.
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: demo test validate bench lint figures clean
+
+.venv/.run: pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install -q --disable-pip-version-check -e .
+	touch $@
+
+.venv/.dev: .venv/.run
+	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[dev]'
+	touch $@
+
+demo: .venv/.run
+	$(BIN)/cgfibre run carbon-37 --out results/carbon-37 --force
+
+test: .venv/.dev
+	$(BIN)/python -m pytest -q
+
+validate: .venv/.dev
+	$(BIN)/python -m pytest -q -m validate
+
+bench: .venv/.dev
+	$(BIN)/python analysis/bench_build.py
+	$(BIN)/python analysis/bench_run.py
+
+lint: .venv/.dev
+	$(BIN)/python -m ruff check .
+	$(BIN)/python -m mypy
+
+figures: .venv/.dev
+	$(BIN)/python analysis/readme_figures.py
+
+clean:
+	rm -rf .venv results dist
