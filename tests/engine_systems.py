@@ -41,6 +41,7 @@ def scene(changes: Mapping[str, object]) -> Scene:
 
 
 def planned(changes: Mapping[str, object]) -> tuple[Plan, FilamentSystem]:
+    """Plan and assembly of SCENE with dotted keys set."""
     s = scene(changes)
     plan = make_plan(s)
     return plan, build_system(s, plan)
@@ -53,20 +54,19 @@ def pressed_at(plan: Plan, lo: float, hi: float) -> Plan:
 
 def moved(plan: Plan, speed: float, load: int, hold: int = 0, sample: int = 1000) -> Plan:
     """Even platen speed, steps of loading and holding, the rows of the record."""
-    return replace(
-        plan,
-        motion=replace(plan.motion, first=speed, last=speed, growth=1.0, load_steps=load, hold_steps=hold, unload=False),
-        sampling=replace(plan.sampling, sample=sample, every=max(1, sample // 20), frame=load + hold, checkpoint=load + hold),
-    )
+    motion = replace(
+        plan.motion, first=speed, last=speed, growth=1.0, load_steps=load, hold_steps=hold, unload=False)
+    whole = load + hold
+    sampling = replace(plan.sampling, sample=sample, every=max(1, sample // 20), frame=whole, checkpoint=whole)
+    return replace(plan, motion=motion, sampling=sampling)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a deck left: its record, the atoms of the last frame (id order) and the rows of a file of its own."""
+    """What a deck left: its record, and the rows of files that a test's own commands wrote."""
 
     folder: Path
     record: RawRecord
-    atoms: FloatArray
 
     def rows(self, name: str) -> FloatArray:
         return np.loadtxt(self.folder / name, ndmin=2)
@@ -77,14 +77,12 @@ def run(
     system: FilamentSystem,
     plan: Plan,
     commands: Sequence[str] = (),
-    pairs: Sequence[tuple[int, int, str]] | None = None,
     **variables: float | str,
 ) -> Outcome:
     """Write the deck of the plan's level and run it; ``commands`` go before its phases, as a user may add them."""
     deck = assemble(system, plan)
     write_deck(folder, deck.name, deck.parameters, "test")
-    data = deck.data if pairs is None else replace(deck.data, pair_rows=pairs)
-    write_data(folder / "system.data", data)
+    write_data(folder / "system.data", deck.data)
     for name, column in deck.tables.items():
         (folder / name).write_text("".join(f"{x:.17g}\n" for x in column.tolist()))
     text = (folder / deck.name).read_text()
@@ -93,10 +91,5 @@ def run(
         raise ValueError(f"{deck.name} has no line of its own for the phases")
     (folder / deck.name).write_text(text.replace(last, "\n".join([*commands, last])))
     run_deck(find_engine(), folder, deck.name, 1, {k: str(v) for k, v in variables.items()})
-    return Outcome(folder, read_record(folder), last_frame(folder / "trajectory.lammpstrj"))
+    return Outcome(folder, read_record(folder))
 
-
-def last_frame(path: Path) -> FloatArray:
-    """(n_atoms, 7) of the last frame: id mol type x y z radius."""
-    text = path.read_text().split("ITEM: TIMESTEP\n")[-1].splitlines()
-    return np.array([line.split() for line in text[8:]], dtype=float)

@@ -28,10 +28,13 @@ def critical_drag(plan: Plan, frequency: float) -> float:
 # --- bending ---------------------------------------------------------------------------------------------------------
 
 
-def press(folder, level, *, tension, width=0.0, length=L, spacing=D, ends="simply-supported", stop=0.1) -> tuple[float, Outcome]:
+def press(
+    folder, level, *, tension, width=0.0, length=L, spacing=D, ends="simply-supported"
+) -> tuple[float, Outcome]:
     """(compliance um/nN, outcome): filament pressed at mid-span by an edge, or by a flat platen; no plate below it.
 
-    What the beads under the platen give way (n kn) is taken off. Held until the last rows agree to 1e-6.
+    What the beads under the platen give way (n kn) is taken off. Held until the last rows agree to 1e-5. Rods are
+    pressed deeper: the engine's bpm bonds lose half their digits in an arc cosine, a noise of 0.3 nN on the supports.
     """
     changes = {"model.level": level, "model.spacing": f"{spacing} um", "ends.tension": f"{tension} nN",
                "assembly.length": f"{length} um", "ends.support": ends}
@@ -41,14 +44,15 @@ def press(folder, level, *, tension, width=0.0, length=L, spacing=D, ends="simpl
     if not width:
         plan = pressed_at(plan, length / 2 - 0.1, length / 2 + 0.1)
     f = system.types[0]
-    load, hold = (4000, 8000) if level == "chain" else (5000, 15000)
+    load, hold, stop = (4000, 8000, 0.1) if level == "chain" else (5000, 15000, 0.2)
     plan = moved(plan, stop / load / plan.timestep, load, hold)
     free = length if ends == "simply-supported" else 0.66 * length  # as slow as a clamped filament
     frequency = float(rod.bending_frequency(free, f.EI, f.mass_per_length, tension=tension))
-    supports = "fix supports all ave/time ${sample_steps} 1 ${sample_steps} f_hold_left[3] f_hold_right[3] c_wall_top file supports.txt"
+    supports = ("fix supports all ave/time 10 100 1000 f_hold_left[3] f_hold_right[3] c_wall_top "
+                'file supports.txt format " %.15g"')
     out = run(folder, system, plan, [supports], platen_bottom_um=-1000.0, drag=critical_drag(plan, frequency))
     force = out.record.mean["top_force"]
-    assert force[-1] == pytest.approx(force[-3], rel=1e-6)
+    assert force[-1] == pytest.approx(force[-3], rel=1e-5)
     displacement = out.record.mean["displacement"][-1]
     assert displacement == pytest.approx(stop, rel=1e-9)
     return float((displacement - force[-1] / ((2 if width else 1) * plan.platens.kn)) / force[-1]), out
@@ -87,18 +91,18 @@ def test_a_clamped_chain_converges_with_the_square_of_the_spacing(tmp_path, leng
     ],
 )
 def test_a_platen_bends_a_filament_as_a_tensioned_beam(tmp_path, level, tension, width, spacing, error):
-    """Against platen_force (rods: with shear). Chains err by about 2 (s/L)^2 = 1.25e-3; rods by round numbers of
-    1e-5, most under high tension. Half the spacing on half the length keeps s/L."""
+    """Against platen_force (rods: with shear). Chains err by about 2 (s/L)^2 = 1.25e-3; rods by 7e-5 under high tension
+    and less else. Half the spacing on half the length keeps s/L."""
     length = 40 * spacing
     compliance, out = press(tmp_path, level, tension=tension, width=width, spacing=spacing, length=length)
     f = planned({})[1].types[0]
     exact = 1 / rod.platen_force(1.0, length, f.EI, width=width, tension=tension,
                                  kGA=f.kGA if level == "rod" else math.inf)
     assert compliance == pytest.approx(float(exact), rel=error)
-    # what the platen gives the supports take, half each, but for what still creeps under the drag
+    # what the platen gives the supports take, half each, but for that noise
     left, right, wall = out.rows("supports.txt")[-1, 1:]
-    assert left + right == pytest.approx(wall, rel=1e-4)
-    assert left == pytest.approx(right, rel=1e-4)
+    assert left + right == pytest.approx(wall, rel=2e-6)
+    assert left == pytest.approx(right, rel=2e-6)
 
 
 @pytest.mark.parametrize("tension", [0.0, 4e5])
@@ -175,7 +179,8 @@ def test_a_twisted_rod_is_linear_and_its_grips_hold_it_a_tenth_of_a_bond_beyond_
     linear = theta * (half + 0.1 * D - np.abs(system.positions[:, 0] - half)) / (half + 0.1 * D)
     np.testing.assert_allclose(turn[:n], linear, rtol=1e-8)
     assert np.all(turn[n:] == 0)  # the grips
-    assert -torque[middle] == pytest.approx(4 * f.GJ * theta / (length + 0.2 * D), rel=1e-7)
+    natural = (length + 0.2 * D) / (1 + 4e5 / f.EA)
+    assert -torque[middle] == pytest.approx(4 * f.GJ * theta / natural, rel=1e-7)
     exact = support.mid_span_torsional_stiffness(length, f.GJ) * theta
     assert -torque[middle] == pytest.approx(float(exact), rel=0.2 * D / length)
 
@@ -185,7 +190,8 @@ def twisted_and_bent(folder, damping: float) -> Outcome:
     length = 20 * D
     plan, system = planned({"model.level": "rod", "assembly.length": f"{length} um"})
     load = 4000
-    plan = moved(pressed_at(plan, length / 2 - 0.1, length / 2 + 0.1), 2.0 / load / plan.timestep, load, 16000, sample=500)
+    plan = pressed_at(plan, length / 2 - 0.1, length / 2 + 0.1)
+    plan = moved(plan, 2.0 / load / plan.timestep, load, 16000, sample=500)
     middle = system.n_beads // 2 + 1
     turn = f"{math.degrees(0.25)}*({middle - 1}-abs(id-{middle}))*(id<={system.n_beads})"
     return run(folder, system, plan, [f"variable turned atom {turn}", "set group turning quat 1 0 0 v_turned"],
@@ -193,8 +199,8 @@ def twisted_and_bent(folder, damping: float) -> Outcome:
 
 
 def test_an_undamped_rod_with_twist_and_bending_bursts_and_rod_damping_cures_it(tmp_path):
-    """Bond damping alone (no drag): without it the torsional waves feed bending until bonds are lost; with the deck's 5 %
-    of critical kinetic energy only falls."""
+    """Bond damping alone (no drag): without it the torsional waves feed bending until bonds are lost; with the deck's
+    5 % of critical the kinetic energy only falls once the platen rests."""
     with pytest.raises(EngineError, match="became unstable"):
         twisted_and_bent(tmp_path / "undamped", 0.0)
     out = twisted_and_bent(tmp_path / "damped", 0.05)
@@ -232,7 +238,7 @@ def test_filaments_dragged_across_each_other_slide_at_the_pairs_friction(tmp_pat
         f"fix pull upper move linear 0 {span / steps / plan.timestep:.17g} NULL",
         "compute grip held reduce sum fx fy fz",
         "compute where upper reduce ave y",
-        "fix friction all ave/time 100 1 100 c_grip[*] c_where file friction.txt",
+        'fix friction all ave/time 100 1 100 c_grip[*] c_where file friction.txt format " %.15g"',
     ], drag=0.0, **AWAY)
     rows = out.rows("friction.txt")
     slope = np.arcsin(rows[:, 4] / D)
@@ -257,7 +263,7 @@ def test_a_filament_dragged_between_platens_slides_at_their_friction(tmp_path, l
         f"fix pull all move linear {move}",
         "compute top all reduce sum f_top_wall[2] f_top_wall[3] f_top_wall[4]",
         "compute bottom all reduce sum f_bottom_wall[2] f_bottom_wall[3] f_bottom_wall[4]",
-        "fix friction all ave/time 1000 1 1000 c_top[*] c_bottom[*] file friction.txt",
+        'fix friction all ave/time 1000 1 1000 c_top[*] c_bottom[*] file friction.txt format " %.15g"',
     ], platen_top_um=D / 2 - 0.01, platen_bottom_um=0.01 - D / 2, drag=0.0)
     top, bottom = out.rows("friction.txt")[-1, 1:].reshape(2, 3)
     axis = 0 if along else 1
@@ -291,7 +297,10 @@ def test_a_disc_pushes_back_with_the_stiffness_of_its_filament(tmp_path, form, l
 
 
 def test_a_disc_turns_back_by_its_torsional_spring(tmp_path):
-    """Torque -k sin(turn) as set, and free swings of small turns at sqrt(k/I), I = m D^2/8; leapfrog adds (w dt)^2/24."""
+    """Torque -k sin(turn) as set, and free swings of small turns at sqrt(k/I), I = m D^2/8.
+
+    The integrator's phase runs ahead by (omega dt)^2/24.
+    """
     plan, system = planned(SECTION)
     f = system.types[0]
     k = float(support.mid_span_torsional_stiffness(700.0, f.GJ))
@@ -300,21 +309,101 @@ def test_a_disc_turns_back_by_its_torsional_spring(tmp_path):
     step = 0.02 / omega
     steps = round(3 * 2 * math.pi / 0.02)
     plan = moved(replace(plan, timestep=step), 1e-9, steps // 20 * 20, sample=20)
-    torque = "compute torque all reduce sum tqz"
 
     def swing(name, turn):
-        commands = [f"set group all dipole {math.cos(turn):.17g} {math.sin(turn):.17g} 0", torque,
-                    "variable turn_now equal atan2(c_director[2][1],c_director[1][1])",
-                    "compute moment all reduce sum mux muy" if False else "variable mu_y atom c_director[2]",
-                    "compute sine all reduce sum v_mu_y",
-                    "fix swing all ave/time 1 1 20 c_sine c_torque file swing.txt"]
-        commands.pop(2)
-        commands.pop(2)
-        commands.insert(2, "variable mu_y atom c_director[2]")
-        out = run(tmp_path / name, system, plan, commands, turning_drag=0.0, **AWAY)
+        out = run(tmp_path / name, system, plan, [
+            f"set group all dipole {math.cos(turn):.17g} {math.sin(turn):.17g} 0",
+            "compute moment all property/atom muy tqz",
+            "compute sine_torque all reduce sum c_moment[1] c_moment[2]",
+            'fix swing all ave/time 20 1 20 c_sine_torque[*] file swing.txt format " %.15g"',
+        ], turning_drag=0.0, **AWAY)
         return out.rows("swing.txt").T
 
-    t, sine, torque_now = swing("far", 1.2)
-    np.testing.assert_allclose(torque_now, -k * sine, rtol=1e-9, atol=1e-6 * k)
-    t, sine, _ = swing("near", 1e-3)
-    np.testing.assert_allclose(sine, 1e-3 * np.cos(omega * t * step), atol=1e-3 * omega * t[-1] * step * (0.02**2 / 24) * 2)
+    _, sine, torque = swing("far", 1.2)
+    np.testing.assert_allclose(torque, -k * sine, rtol=1e-9, atol=1e-9 * k)
+    step_number, sine, _ = swing("near", 1e-3)
+    phase = 0.02 * step_number
+    np.testing.assert_allclose(sine, 1e-3 * np.cos(phase), atol=1e-3 * (1e-6 + phase[-1] * 0.02**2 / 24))
+
+
+def test_two_discs_between_platens_carry_one_force(tmp_path):
+    """No springs, one disc above the other: top = bottom = d/(2/k_platen + 1/k_pair), in the whole record at rest."""
+    plan, one = planned(SECTION)
+    centres = np.array([[0.0, 0.0], [0.0, D]])
+    system = build_section(BundleSpec(one.types[0], centres), np.random.default_rng(0))
+    plan = moved(plan, 0.01 / 4000 / plan.timestep, 4000, 4000)
+    drag = math.sqrt(plan.platens.kn * plan.beads.mass[0])
+    out = run(tmp_path, system, plan, spring_nN_um=1e-9, torsion_nN_um=0.0, drag=drag)
+    top, bottom = (out.record.mean[name][-1] for name in ("top_force", "bottom_force"))
+    assert top == pytest.approx(bottom, rel=1e-9)
+    assert top == pytest.approx(0.01 / (2 / plan.platens.kn + 1 / plan.contact.kn), rel=1e-7)
+
+
+# --- far field -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", ["condensed", "graded"])
+def test_a_far_field_carries_345_mm_on_a_millimetre_of_beads(tmp_path, form):
+    """Force at the platen's edges, 0.1 um deep, against the beam of 345 mm: 4.648 nN/um (4.645 under an edge).
+
+    The edges are held to the platen's displacement from the start: a platen that can only push bounces off so soft a
+    support for millions of steps (one swing is a million). The rest, critically damped, comes to rest on its own.
+    """
+    length, width, depth = 345000.0, 500.0, 0.1
+    plan, system = planned({"assembly.length": f"{length} um", "platens.width": f"{width} um",
+                            "model.far_field": form, "model.level": "chain"})
+    f = system.types[0]
+    edges = [int(np.argmin(np.abs(plan.beads.stations - x))) + 1 for x in ((length - width) / 2, (length + width) / 2)]
+    frequency = float(rod.bending_frequency(width, f.EI, f.mass_per_length, tension=4e5))
+    plan = moved(plan, 1e-9, 64000, sample=2000)
+    out = run(tmp_path, system, plan, [
+        f"group edges id {edges[0]} {edges[1]}",
+        f"displace_atoms edges move 0 0 -{depth}",
+        "fix edges edges setforce NULL NULL 0",
+        "fix edge_force all ave/time 2000 1 2000 f_edges[3] file edges.txt",
+        # coarse beads weigh little and swing slowly: by trial, the drag on them that takes fewest steps
+        "fix far_drag free viscous 5",
+    ], drag=critical_drag(plan, frequency), **AWAY)
+    force = out.rows("edges.txt")[:, 1]
+    assert force[-1] == pytest.approx(force[-2], rel=1e-4)
+    exact = float(rod.platen_force(1.0, length, f.EI, width=width, tension=4e5))
+    assert force[-1] / depth == pytest.approx(exact, rel=1e-3)
+    assert force[-1] / depth == pytest.approx(float(support.mid_span_stiffness(length, f.EI, 4e5)), rel=2e-3)
+
+
+# --- dihedrals -------------------------------------------------------------------------------------------------------
+
+
+def test_dihedrals_are_refused_on_straight_chains():
+    with pytest.raises(InputError, match="straight") as refusal:
+        planned({"model.level": "chain", "model.torsion": "dihedral"})
+    assert refusal.value.key == "model.torsion"
+    # and by the assembler for a bundle whose middle filament is straight, whatever asks for it
+    plan, system = planned({"model.level": "chain"})
+    with pytest.raises(InputError, match="straight chain"):
+        assemble(system, replace(plan, torsion="dihedral"))
+
+
+@pytest.mark.parametrize("hand", [1.0, -1.0])
+def test_dihedrals_on_a_helix_keep_its_shape_and_the_energy(tmp_path, hand):
+    """A helix bent by 83 mrad a bead is at rest as built; set swinging, it keeps its energy to 1 % over 20000 steps.
+
+    Dihedrals need a step 11 times shorter than bending here; the plan's own is refused.
+    """
+    plan, one = planned({"model.level": "chain", "assembly.length": f"{L} um", "ends.tension": "0 nN",
+                         "model.axial_softening": 1.0})
+    plan = moved(replace(plan, torsion="dihedral"), 1e-9, 20000)
+    spec = BundleSpec(one.types[0], np.array([[28.0, 0.0]]), plan.beads.stations, twist=hand / L)
+    system = build_bundle(spec, np.random.default_rng(0))
+    assert np.min(rest_bends(system)) > 0.08
+    with pytest.raises(InputError, match="dihedrals on filaments bent by"):
+        assemble(system, plan)
+    plan = replace(plan, timestep=2e-5)
+    energy = ["variable energy equal c_kinetic+c_stored",
+              'fix energy all ave/time 100 1 100 v_energy file energy.txt format " %.15g"']
+    still = run(tmp_path / "still", system, plan, energy, drag=0.0, **AWAY)
+    kick = ["group middle id 20", "velocity middle set 0 0.5 0.5", *energy]
+    swung = run(tmp_path / "swung", system, plan, kick, drag=0.0, **AWAY)
+    start, *later = swung.rows("energy.txt")[:, 1]
+    assert np.all(np.abs(np.array(later) / start - 1) < 0.01)
+    assert np.max(still.rows("energy.txt")[:, 1]) < 1e-9 * start

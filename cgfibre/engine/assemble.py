@@ -267,8 +267,9 @@ def _check_dihedral_step(system: FilamentSystem, plan: Plan, bend: FloatArray, m
     theta, m = np.min(at[quads[:, 1:3]], axis=1), np.min(mass[quads[:, 1:3]], axis=1)
     limit = 2 / math.sqrt(float(np.max(64 * GJ / (s**3 * theta**2 * m))) + (2 / plan.timestep_limit) ** 2)
     if plan.timestep > 0.99 * limit:
-        raise InputError("model.timestep", f"{plan.timestep:.4g} us", f"at most {0.65 * limit:.3g} us: dihedrals on filaments "
-                         f"bent by {float(np.min(theta)):.2g} rad a bead are stiffer than bending")
+        raise InputError("model.timestep", f"{plan.timestep:.4g} us",
+                         f"at most {0.65 * limit:.3g} us: dihedrals on filaments bent by "
+                         f"{float(np.min(theta)):.2g} rad a bead are stiffer than bending")
 
 
 def _dihedrals(system: FilamentSystem) -> Topology:
