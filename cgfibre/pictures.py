@@ -41,7 +41,7 @@ def draw_all(
     edge = plan.platens.top_span
     # between the edges of a finite anvil the filaments sag away from it: both places are worth seeing
     planes = [(x, "", "sections.png")] if edge is None else [
-        (edge[0], " at the anvil's edge", "sections.png"), (x, " at mid-span", "sections_middle.png")]
+        (edge[0], "at the anvil's edge", "sections.png"), (x, "at mid-span", "sections_middle.png")]
     for plane, where, name in planes:
         made.append(_save(_sections(plan, system, frames, shown, plane, where, heights), out / name))
     peak = shown[2][0]
@@ -70,10 +70,12 @@ def _sections(
         centres = centres[np.isfinite(centres).all(axis=1)]
         local = distribution.local_volume_fraction(centres, d, reach=d) if len(centres) >= 3 else None
         shift = float(frames.displacement_um[k])
-        sections.append(plot.Section(centres, d, bottom if flat else None, top - shift if flat else None, local,
-                                     title + where))
+        sections.append(plot.Section(centres, d, bottom if flat else None, top - shift if flat else None, local, title))
     colours = plot.Colours.spanning("local fibre volume fraction", *(s.values for s in sections))
-    return plot.figure_sections(sections, colours)
+    figure = plot.figure_sections(sections, colours)
+    if where:
+        figure.suptitle(where)
+    return figure
 
 
 def _save(figure: Any, path: Path) -> Path:

@@ -38,12 +38,15 @@ Gap = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class Review:
-    """What was measured: guards, statistics (name -> values a frame, units), fits of the loading curve."""
+    """What was measured: guards, statistics (name -> values a frame, units), fits of the loading curve, and the
+    displacement and force from which on the run is quasi-static to the accuracy asked for."""
 
     guards: tuple[Guard, ...]
     statistics: dict[str, tuple[np.ndarray, str]]
     fits: dict[str, Any]
     energy_ratio: float | None
+    quasi_static_um: float | None = None
+    quasi_static_N: float | None = None
 
     @property
     def ok(self) -> bool:
@@ -88,11 +91,11 @@ def review_run(
     start = quasi_static_from(plan, system, curve)
     ratio = None
     if start is None:
-        limit = plan.motion.quasi_static_force * 1e-9
+        limit = float(plan.motion.quasi_static_force(np.max(curve["displacement_um"]))) * 1e-9
         peak = float(np.max(curve["force_top_N"], initial=0.0))
         found.append(Guard("quasi-static", False, peak, limit,
-                           f"quasi-static: the force ({peak:.2g} N) never reached {limit:.2g} N, below which inertia is more than "
-                           "the accuracy asked for; press further or slower"))
+                           f"quasi-static: the force ({peak:.2g} N) did not rise above {limit:.2g} N, below which inertia is "
+                           "more than the accuracy asked for; press further or slower"))
     else:
         energy = guards.quasi_static(curve, start, ENERGY_LIMIT)
         found.append(energy)
@@ -102,16 +105,20 @@ def review_run(
         found.append(Guard("platen speed", speed["mean"] <= limit, speed["mean"], limit,
                            f"halving the platen speed changes the force by {speed['mean']:.1%} on average (limit {limit:.0%}): "
                            "not quasi-static; lower model.accuracy or platens.speed"))
-    return Review(tuple(found), frame_statistics(scene, plan, system, frames), fit_curve(plan, curve), ratio)
+    force = None if start is None else float(plan.motion.quasi_static_force(np.array(start))) * 1e-9
+    return Review(tuple(found), frame_statistics(scene, plan, system, frames), fit_curve(plan, curve), ratio, start, force)
 
 
 def quasi_static_from(plan: Plan, system: FilamentSystem, curve: Curve) -> float | None:
-    """Displacement (um) from which on the accuracy asked for is promised: 2/7 D, and the plan's quasi-static force
-    reached; None when the run never got there."""
-    start = REFERENCE_DISPLACEMENT * float(np.max(system.diameter))
-    reached = curve.loading & (curve["force_top_N"] * 1e9 >= plan.motion.quasi_static_force)
-    reached &= curve["displacement_um"] >= min(start, plan.motion.planned_displacement / 2)
-    return float(curve["displacement_um"][reached][0]) if np.any(reached) else None
+    """Displacement (um) from which on the accuracy asked for is promised; None when the run never gets there.
+
+    At least 2/7 D, and from there on every loading force above the plan's quasi-static force at its speed.
+    """
+    d, force = curve["displacement_um"][curve.loading], curve["force_top_N"][curve.loading] * 1e9
+    start = min(REFERENCE_DISPLACEMENT * float(np.max(system.diameter)), plan.motion.planned_displacement / 2)
+    short = np.flatnonzero((d < start) | (force < plan.motion.quasi_static_force(d)))
+    after = int(short[-1]) + 1 if len(short) else 0
+    return float(d[after]) if after < len(d) else None
 
 
 def _guards(plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames) -> list[Guard]:
@@ -231,7 +238,7 @@ def _contact_row(plan: Plan, system: FilamentSystem, positions: FloatArray) -> d
 
 def fit_curve(plan: Plan, curve: Curve) -> dict[str, Any]:
     """Power law eps = a p^b over the quasi-static part of the loading branch, tangent modulus there, hysteresis."""
-    loading = curve.loading & (curve["force_top_N"] > plan.motion.quasi_static_force * 1e-9)
+    loading = curve.loading & (curve["force_top_N"] * 1e9 > plan.motion.quasi_static_force(curve["displacement_um"]))
     thickness = float(curve["thickness_um"][0])
     fits: dict[str, Any] = {}
     strain = compaction.compressive_strain(curve["displacement_um"], thickness)

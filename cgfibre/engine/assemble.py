@@ -11,7 +11,7 @@ import numpy as np
 from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
 from cgfibre.engine.datafile import DataFile, Topology, group_types
 from cgfibre.errors import InputError
-from cgfibre.plan.model import CONTACT, GRIP, LEFT, RIGHT, Contact, Plan
+from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, Contact, Plan
 
 ROLES = 5
 #: smallest rest bend at which angle harmonic is safe: below 1 mrad it is silently wrong (lammps-findings)
@@ -161,9 +161,13 @@ def _along(system: FilamentSystem, plan: Plan) -> tuple[IntArray, FloatArray]:
 def _strain(system: FilamentSystem, plan: Plan) -> FloatArray:
     """(n_bonds,) axial strain of the softened filament as built: twist and end load, at their real tension."""
     t = system.types
-    filament = system.filament_of_bead[system.bonds()[:, 0]]
+    bonds = system.bonds()
+    filament = system.filament_of_bead[bonds[:, 0]]
     EA = np.array([k.EA for k in t])[system.filament_type[filament]]
-    tension = EA * system.prestrain[filament] + plan.beads.end_load * max(1, int(np.sum(plan.beads.role == RIGHT)))
+    right = np.tile(plan.beads.role == RIGHT, system.n_filaments)
+    # every held bead is loaded: a bond between two of them carries the outer one's share
+    loaded = np.where(right[bonds[:, 0]] & right[bonds[:, 1]], 1, max(1, int(np.sum(plan.beads.role == RIGHT))))
+    tension = EA * system.prestrain[filament] + plan.beads.end_load * loaded
     return plan.axial_softening * tension / EA
 
 
@@ -286,8 +290,8 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         bonds = np.concatenate([bonds, np.column_stack([grips, np.concatenate([first, last])])])
         bond_kind = np.concatenate([bond_kind, np.zeros(len(grips))])
         grip_length = np.linalg.norm(natural[grips] - natural[np.concatenate([first, last])], axis=1)
-        # an end bead holds half a segment: twice the stiffness to the clamp in its middle
-        rest = np.concatenate([rest, grip_length])
+        # the deck's twist stiffness is GJ over the length in the table: a short one makes a stiff grip
+        rest = np.concatenate([rest, grip_length / GRIP_STIFFENING])
         lighter = np.concatenate([lighter, np.minimum(mass[first], mass[first]), mass[last]])
         role = np.concatenate([role, np.full(len(grips), GRIP)])
         mass = np.concatenate([mass, np.full(len(grips), mass[first[0]])])

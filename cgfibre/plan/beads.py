@@ -15,7 +15,7 @@ from cgfibre.build.system import FilamentType, FloatArray, IntArray
 from cgfibre.errors import InputError
 from cgfibre.mechanics import rod
 from cgfibre.mechanics.support import axial_end_stiffness, chain_end, far_field_stiffness
-from cgfibre.plan.model import CONTACT, FREE, LEFT, RIGHT, Beads
+from cgfibre.plan.model import CONTACT, FREE, GRIP_STIFFENING, LEFT, RIGHT, Beads
 from cgfibre.scene import Scene
 
 #: part of the limiting time step that is used (measured stable to 0.99; room for contact and large rotation)
@@ -157,6 +157,9 @@ def finish_beads(
     if level == "rod":
         every = rod.rod_coefficients(gaps, EA, filament.EI, filament.GJ, filament.kGA)
         bound = rod.rod_stiffness_bound(gaps, filament.diameter, every, tension, closed=closed)
+        if support == "simply-supported":
+            gripped = (2 + GRIP_STIFFENING) * every.kt[[0, -1]] / (rod.SPHERE_INERTIA * filament.diameter**2)
+            bound[[0, -1]] = np.maximum(bound[[0, -1]], gripped)
     else:
         bound = rod.chain_stiffness_bound(gaps, chain, tension, closed=closed)
         if extras:

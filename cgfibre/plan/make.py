@@ -209,7 +209,8 @@ def _filament_plan(scene: Scene, out: Outline, level: str, choices: list[Choice]
     frequency = float(rod.bending_frequency(span, f.EI, f.mass_per_length, tension=tension))
     if far != "none":  # the zone swings on the soft far field
         frequency = min(frequency, math.sqrt(stiffness / (f.mass_per_length * span)))
-    bodies = Bodies(depths_below_top(out.centres), out.pitch, stiffness, frequency, contact.tangent_kn, mass)
+    bodies = Bodies(depths_below_top(out.centres), out.pitch, stiffness, frequency, contact.tangent_kn, mass,
+                    len(out.centres) * len(stations))
     motion, sampling, motion_choices = plan_motion(scene, bodies, timestep, out.displacement)
     choices += motion_choices
     omissions = _common_omissions(scene, level)
@@ -266,7 +267,7 @@ def _section_plan(scene: Scene, out: Outline, level: str, choices: list[Choice])
     choices.append(_checked_step(scene, limit))
     timestep = SAFETY * limit if scene.model.timestep == "auto" else float(scene.model.timestep)
     frequency = float(support.support_frequency(k, mass))
-    bodies = Bodies(depths_below_top(out.centres), out.pitch, k, frequency, contact.tangent_kn, mass)
+    bodies = Bodies(depths_below_top(out.centres), out.pitch, k, frequency, contact.tangent_kn, mass, len(out.centres))
     motion, sampling, motion_choices = plan_motion(scene, bodies, timestep, out.displacement)
     choices += motion_choices
     beads = Beads(stations=np.zeros(1), role=np.zeros(1, dtype=np.int64), mass=np.array([mass]), hinge=np.zeros(1),

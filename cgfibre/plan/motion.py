@@ -19,8 +19,12 @@ REFERENCE_DISPLACEMENT = 2 / 7
 LATE = 2.0
 #: the speed may grow to this many times its first value
 SPEED_RATIO = 30.0
-#: loading steps beyond which an automatic speed is raised; the plan then says from which force on it is quasi-static
-STEP_BUDGET = 400_000
+#: bead-steps of loading beyond which an automatic speed is raised, and the least and most steps that makes of them; the
+#: plan then says from which force on the run is quasi-static
+BUDGET, LEAST_STEPS, MOST_STEPS = 6e8, 400_000, 1_500_000
+#: an automatic speed that would have to be raised more than this gives up growing: slow where the force is large
+EVEN_SPEED = 3.0
+SPREAD = 3.0  # times wider than built: the most that an assembly is expected to flatten
 READINGS = 20  # of forces within a record row
 CHECKPOINTS = 20  # a run
 DENSEST = math.pi / (2 * math.sqrt(3))  # hexagonal packing of touching circles
@@ -35,26 +39,29 @@ def film_time(first: float, last: float, growth: float, displacement: float) -> 
 
 
 def planned_displacement(scene: Scene, height: float, width: float, n_filaments: int) -> float:
-    """Displacement at the planned stop, um; for a stop by force or pressure the one at solid packing.
+    """Displacement at the planned stop, um; for a stop by force or pressure the deepest that makes sense.
 
-    Raises InputError when the stop lies beyond solid packing (hexagonal, 0.9069, over the present width).
+    Raises InputError when the stop lies beyond what the assembly can give: one flat layer of filaments.
     """
     stop = scene.platens.stop
     d = scene.filament.diameter
     # the assembly may spread to one flat layer, so only that is impossible
-    deepest = height - d
+    thinnest = d if n_filaments > 1 else d / 2  # one filament alone is dented
+    deepest = height - thinnest
     if stop.displacement is not None:
         if stop.displacement >= deepest:
             raise InputError("platens.stop.displacement", f"{stop.displacement:g} um",
-                             f"less than {deepest:.4g} um: the assembly is {height:.4g} um high and one filament stays")
+                             f"less than {deepest:.4g} um: the assembly is {height:.4g} um high and no thinner than "
+                             f"{thinnest:g} um")
         return stop.displacement
     if stop.thickness is not None:
-        if not d < stop.thickness < height:
+        if not thinnest < stop.thickness < height:
             raise InputError("platens.stop.thickness", f"{stop.thickness:g} um",
-                             f"between one diameter ({d:g} um) and the height as built ({height:.4g} um)")
+                             f"between {thinnest:g} um and the height as built ({height:.4g} um)")
         return height - stop.thickness
-    solid = n_filaments * math.pi * d**2 / 4 / (DENSEST * width)
-    return min(deepest, max(0.3 * height, height - 0.9 * solid))
+    # a stop by force or pressure comes where it comes; no later than solid filaments spread to SPREAD times the width
+    solid = n_filaments * math.pi * d**2 / 4 / (DENSEST * SPREAD * max(width, height))
+    return min(deepest, height - solid)
 
 
 @dataclass(frozen=True)
@@ -62,7 +69,8 @@ class Bodies:
     """What the platen sets in motion, for the choice of its speed.
 
     ``depths`` (n,) um of the filaments below the top one; ``pitch`` um; ``stiffness`` nN/um and ``frequency`` rad/us of
-    one filament on its supports, under the platen; ``contact_stiffness`` nN/um and ``bead_mass`` pg of a contact.
+    one filament on its supports, under the platen; ``contact_stiffness`` nN/um and ``bead_mass`` pg of a contact;
+    ``n_beads`` of the whole model.
     """
 
     depths: FloatArray
@@ -71,6 +79,12 @@ class Bodies:
     frequency: float
     contact_stiffness: float
     bead_mass: float
+    n_beads: int
+
+    @property
+    def impedance(self) -> float:
+        """Force over speed of what the platen hits: sqrt(kn m) of a bead or k/omega of a filament, nN us/um."""
+        return max(math.sqrt(self.contact_stiffness * self.bead_mass), self.stiffness / self.frequency)
 
 
 def speed_bound(bodies: Bodies, diameter: float, accuracy: float, displacement: FloatArray) -> FloatArray:
@@ -118,21 +132,26 @@ def plan_motion(
     asked = scene.platens.speed
     if asked == "auto":
         first, last, growth = choose_speed(bodies, d, eps, displacement)
-        faster = max(1.0, film_time(first, last, growth, displacement) / timestep / STEP_BUDGET)
+        budget = min(max(BUDGET / bodies.n_beads, LEAST_STEPS), MOST_STEPS)
+        faster = film_time(first, last, growth, displacement) / timestep / budget
         reason = (f"accuracy {eps:g}: v <= eps F/sqrt(kn m) for beads and eps F omega/(k n) for filaments, from "
                   f"{REFERENCE_DISPLACEMENT * d:.2g} um on; it grows with the force")
-        if faster > 1.001:
+        if faster > EVEN_SPEED:
+            first = last = displacement / (budget * timestep)
+            reason = (f"accuracy {eps:g} would take {faster * budget:.2g} steps: even speed instead, to end within "
+                      f"{budget:.2g}; only forces above the one below are quasi-static")
+        elif faster > 1:
             first, last = first * faster, last * faster
-            reason += f"; raised {faster:.3g} times to end within {STEP_BUDGET} steps"
+            reason += f"; raised {faster:.3g} times to end within {budget:.2g} steps"
         choices.append(Choice("platen speed", f"{first:.3g} to {last:.3g} m/s", reason))
     else:
         first = last = float(asked)
         growth = displacement
         choices.append(Choice("platen speed", f"{first:.4g} m/s", "as asked in the scene"))
-    quasi_static = first / eps * max(
-        math.sqrt(bodies.contact_stiffness * bodies.bead_mass), bodies.stiffness / bodies.frequency)
-    choices.append(Choice("quasi-static from", f"{quasi_static * 1e-9:.2g} N",
-                          "below this force inertia is more than the accuracy asked for"))
+    least = bodies.impedance / eps
+    choices.append(Choice("quasi-static above", f"{least * first * 1e-9:.2g} N at first touch, {least * last * 1e-9:.2g} N at "
+                          f"{last:.3g} m/s", "v sqrt(kn m)/eps or v k/(omega eps): below it inertia is more than the accuracy "
+                          "asked for"))
     unload = scene.platens.unload
     phases = 2 if unload else 1
     total = film_time(first, last, growth, displacement) / timestep
@@ -156,7 +175,7 @@ def plan_motion(
         stop_force=stop.force if stop.force is not None else math.inf,
         stop_pressure=stop.pressure if stop.pressure is not None else math.inf,
         planned_displacement=displacement,
-        quasi_static_force=quasi_static,
+        quasi_static_impedance=least,
     )
     return motion, Sampling(sample, every, frame, checkpoint), choices
 
