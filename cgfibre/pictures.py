@@ -13,7 +13,7 @@ from cgfibre.engine.assemble import platen_heights
 from cgfibre.measure import distribution
 from cgfibre.plan.model import Plan
 from cgfibre.record import Curve, Frames
-from cgfibre.review import mid_plane
+from cgfibre.review import contacts_under_platen, mid_plane
 from cgfibre.scene import Scene
 
 #: every picture that a run may leave, in the order in which to look at them
@@ -123,5 +123,10 @@ def _bundle(
     faces = () if plan.platens.shape == "crimped" else (
         plot.PlatenFace(heights[0] - float(frames.displacement_um[k]), True, span, (low, high)),
         plot.PlatenFace(heights[1], False, lower, (low, high)))
-    view = plot.BundleView(platens=faces, title=f"pressed by {frames.displacement_um[k]:.3g} µm")
+    force, colours = None, None
+    if plan.contact.law == "hooke":
+        contacts = contacts_under_platen(plan, system, positions)
+        force = contacts.force_per_filament(system.n_filaments) * 1e-6
+        colours = plot.Colours.spanning("contact force on a filament (mN)", force)
+    view = plot.BundleView(values=force, colours=colours, platens=faces, title=f"pressed by {frames.displacement_um[k]:.3g} µm")
     return _save(plot.figure_bundle_3d(system, positions, view), out / "bundle.png")

@@ -14,7 +14,7 @@ from cgfibre.engine.assemble import crimp_cylinders, platen_heights
 from cgfibre.engine.collect import Extremes
 from cgfibre.errors import InputError
 from cgfibre.measure import compaction, distribution, guards
-from cgfibre.measure.contacts import CylinderPlaten, FlatPlaten, filament_contacts
+from cgfibre.measure.contacts import Contacts, CylinderPlaten, FlatPlaten, filament_contacts
 from cgfibre.measure.guards import Guard
 from cgfibre.plan.contact import OVERLAP_LIMIT
 from cgfibre.plan.model import Plan
@@ -224,13 +224,17 @@ def contact_length(plan: Plan, system: FilamentSystem) -> FloatArray:
     return np.where(role == 0, plan.spacing, 0.0)
 
 
-def _contact_row(plan: Plan, system: FilamentSystem, positions: FloatArray) -> dict[str, Any]:
+def contacts_under_platen(plan: Plan, system: FilamentSystem, positions: FloatArray) -> Contacts:
+    """Contacts between filaments under the top platen; their forces by the line contact (none for the law hertz)."""
     stiffness = plan.contact.line_stiffness / plan.contact.softening if plan.contact.law == "hooke" else 0.0
     contacts = filament_contacts(system, positions, stiffness, contact_length(plan, system))
-    if plan.platens.top_span is not None:
-        contacts = contacts.within(*plan.platens.top_span)
+    return contacts if plan.platens.top_span is None else contacts.within(*plan.platens.top_span)
+
+
+def _contact_row(plan: Plan, system: FilamentSystem, positions: FloatArray) -> dict[str, Any]:
+    contacts = contacts_under_platen(plan, system, positions)
     row: dict[str, Any] = {"contact_count": len(contacts)}
-    if stiffness:
+    if plan.contact.law == "hooke":
         row |= {"contact_force_mean": float(np.mean(contacts.force)) if len(contacts) else 0.0,
                 "contact_force_largest": float(np.max(contacts.force, initial=0.0))}
     return row

@@ -108,7 +108,7 @@ def _factor(unit: str, target: str) -> Decimal | None:
     registry = _registry()
     try:
         parsed = registry.parse_units(_POWER.sub(r"\1**\2", unit.replace("·", "*")))
-    except (pint.errors.PintError, pint.errors.DefinitionSyntaxError) as error:
+    except (pint.errors.PintError, ValueError) as error:  # "NaN" is a number to pint, a ValueError
         raise KeyError(unit) from error
     try:
         return Decimal(registry.Quantity(Decimal(1), parsed).to(target).magnitude)

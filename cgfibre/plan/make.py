@@ -134,6 +134,11 @@ def _platens(scene: Scene, contact: ContactPlan, contact_length: float, edges: b
     )
 
 
+def _friction(scene: Scene) -> Choice:
+    return Choice("friction", f"{scene.contact.friction:g} between filaments, {scene.platens.friction:g} on platens",
+                  "Coulomb, stated separately in the scene; a filament never touches itself")
+
+
 def _softening(scene: Scene, level: str) -> Choice:
     asked = scene.contact.softening
     if asked != "auto":
@@ -188,7 +193,7 @@ def _filament_plan(scene: Scene, out: Outline, level: str, choices: list[Choice]
     choices.append(Choice("far field", far, why))
     axial = _axial(scene, level, spacing, f)
     softening = _softening(scene, level)
-    choices += [axial, softening]
+    choices += [axial, softening, _friction(scene)]
     law = "hooke" if scene.contact.law == "auto" else scene.contact.law
     choices.append(Choice("contact law", law, "line contact of parallel cylinders, secant at "
                           f"{scene.contact.line_load * 1e-6:g} N/mm" if law == "hooke" else "crossing cylinders (Hertz, Mindlin)"))
@@ -241,7 +246,7 @@ def _section_plan(scene: Scene, out: Outline, level: str, choices: list[Choice])
     choices.append(Choice("depth", f"{depth:.4g} um", "the platen's width: discs touch along all of it"
                           if scene.model.depth == "auto" else "as asked in the scene"))
     softening = _softening(scene, level)
-    choices.append(softening)
+    choices += [softening, _friction(scene)]
     mass = f.mass_per_length * depth
     law = "hooke"
     contact = plan_contact(scene, law, depth, mass, float(softening.value))
