@@ -16,6 +16,10 @@ from cgfibre.record import Curve, Frames
 from cgfibre.review import contacts_under_platen, mid_plane
 from cgfibre.scene import Scene
 
+#: every picture that a run may leave, in the order in which to look at them
+PICTURES = ("curve.png", "pressure.png", "sections.png", "sections_middle.png", "bundle.png", "energy.png",
+            "distribution.png")
+
 
 def frames_to_show(frames: Frames) -> list[tuple[int, str]]:
     """(frame, title) before, half-way, at the largest displacement and, if the platen went back, at the end."""

@@ -8,11 +8,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from cgfibre.pictures import PICTURES
 from cgfibre.plan.model import Plan
 from cgfibre.scene import Scene
 from cgfibre.workflow import RunResult
-
-PICTURES = ("curve.png", "pressure.png", "sections.png", "sections_middle.png", "bundle.png", "energy.png", "distribution.png")
 
 
 def _seconds(t: float) -> str:

@@ -113,7 +113,10 @@ def _write_trajectory(f: h5py.File, results: Results) -> None:
         _stamp(_put(edges, "value", np.broadcast_to(size, (n, 3, 3)), "nm"))
     _put(particles, "id", np.arange(system.n_beads), "1")
     _put(particles, "species", system.filament_type[system.filament_of_bead], "1")
-    _put(f.create_group("observables"), "platen_displacement", frames.displacement_um, "um")
+    # an observable of H5MD is a group; MDAnalysis refuses the file over a bare dataset
+    displacement = f.create_group("observables/platen_displacement")
+    displacement["step"], displacement["time"] = position["step"], position["time"]
+    _stamp(_put(displacement, "value", frames.displacement_um, "um"))
     _put(f.create_group("connectivity"), "bonds", system.bonds(), "1")
 
 
@@ -130,19 +133,28 @@ def _write_system(group: h5py.Group, system: FilamentSystem) -> None:
     _put(group, "provenance", json.dumps(system.provenance), "text")
 
 
-def read_results(path: Path) -> Results:
-    """Read a results file; StoreError when it is missing, damaged or of another schema."""
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    """A results file of this schema, open for reading; StoreError when it is missing, damaged or of another schema."""
     try:
         with h5py.File(path, "r") as f:
             schema = f.attrs.get("cgfibre_schema")
             if schema != SCHEMA:
                 raise StoreError(f"{path}: schema version {schema}, this version reads {SCHEMA}; run cgfibre measure on "
                                  "its folder to write it again")
-            return _read(f)
+            yield f
     except FileNotFoundError as error:
         raise StoreError(f"{path}: no such file") from error
-    except (OSError, KeyError) as error:
-        raise StoreError(f"{path}: not a complete cgfibre results file ({error}); run cgfibre measure on its folder") from error
+    except (OSError, KeyError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise StoreError(f"{path}: not a complete cgfibre results file ({reason}); "
+                         "run cgfibre measure on its folder") from error
+
+
+def read_results(path: Path) -> Results:
+    """Read a results file; StoreError when it is missing, damaged or of another schema."""
+    with _opened(path) as f:
+        return _read(f)
 
 
 def _text(f: h5py.Group, name: str) -> str:
@@ -158,7 +170,7 @@ def _read(f: h5py.File) -> Results:
     return Results(
         system=_read_system(f["system"]),
         curve=Curve({name: record[name][()] for name in CURVE_COLUMNS}, record["phase"][()], record["width_um"][()]),
-        frames=Frames(step, f["observables/platen_displacement"][()], position["value"][()] / NM_PER_UM),
+        frames=Frames(step, f["observables/platen_displacement/value"][()], position["value"][()] / NM_PER_UM),
         timestep=float(time[moving][0] / step[moving][0]) if moving.any() else 0.0,
         distribution={name: (d[()], str(d.attrs["units"])) for name, d in f["distribution"].items()},
         scene=_text(f, "scene"),
@@ -183,11 +195,14 @@ def open_universe(path: Path) -> MDAnalysis.Universe:
     """The run as an MDAnalysis Universe with bonds; a residue is a filament, a segment a tow, ``radii`` in Angstrom.
 
     Lengths are in Angstrom and time in ps, as always in MDAnalysis (1 um = 1e4 Angstrom). Frames are read lazily.
+    Raises StoreError when the file is missing, damaged, of another schema or without a frame.
     """
     import MDAnalysis as mda
 
-    with h5py.File(path, "r") as f:
+    with _opened(path) as f:
         system = _read_system(f["system"])
+        if len(f["particles/filaments/position/step"]) == 0:
+            raise StoreError(f"{path}: no frames were stored, so there is no trajectory to open")
     universe = mda.Universe.empty(
         system.n_beads,
         n_residues=system.n_filaments,

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -25,7 +26,8 @@ from cgfibre.engine.deck import write_deck
 from cgfibre.engine.dump import last_row, mend_tables, read_states
 from cgfibre.engine.lammps import Engine, engine_version, find_engine, run_deck
 from cgfibre.errors import EngineError, InputError, StoreError
-from cgfibre.pictures import draw_all
+from cgfibre.measure.guards import Guard
+from cgfibre.pictures import PICTURES, draw_all
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.model import Plan
 from cgfibre.plan.system import build_system
@@ -37,6 +39,9 @@ from cgfibre.scene import Scene, load_scene
 Progress = Callable[[int, int, float, float], None]
 #: files by which an existing run is recognised, and which --force removes
 RUN_FILES = ("scene.toml", "plan.json", "summary.json", "results.h5", "curve.csv", "log.lammps")
+
+#: name of the guard on runs that stopped early
+ENDED = "run to its end"
 
 
 @dataclass(frozen=True)
@@ -97,7 +102,7 @@ def _claim(out: Path, force: bool) -> None:
         raise InputError("--out", str(out), f"an empty or new folder (it holds {present[0]}); --force overwrites, --resume goes on")
     if out.exists() and not out.is_dir():
         raise InputError("--out", str(out), "a folder, not a file")
-    for name in RUN_FILES:
+    for name in (*RUN_FILES, *PICTURES):
         (out / name).unlink(missing_ok=True)
     for name in ("deck", "half-speed"):
         shutil.rmtree(out / name, ignore_errors=True)
@@ -116,9 +121,11 @@ def _write_deck(folder: Path, scene: Scene, plan: Plan, system: FilamentSystem) 
     deck: Deck = assemble(system, plan)
     about = f"cgfibre deck of the scene {scene.name or 'without a name'}, level {plan.level}. {scene.description}".strip()
     write_deck(folder, deck.name, deck.parameters, about)
-    write_data(folder / "system.data", deck.data)
     for name, column in deck.tables.items():
         (folder / name).write_text("".join(f"{x:.17g}\n" for x in column.tolist()))
+    # last and at once: where system.data is, the deck is whole
+    write_data(folder / "system.data.part", deck.data)
+    os.replace(folder / "system.data.part", folder / "system.data")
     return folder
 
 
@@ -285,10 +292,14 @@ def measure_folder(out: Path) -> RunResult:
     out = Path(out)
     if not (out / "scene.toml").exists() and not (out / "results.h5").exists():
         raise InputError("DIR", str(out), "the folder of a run (it has neither scene.toml nor results.h5)")
-    old: dict[str, Any] = {}
+    old: Mapping[str, Any] = {}
     if (out / "summary.json").exists():
         old = json.loads((out / "summary.json").read_text())
+    elif (out / "results.h5").exists():
+        old = store.read_results(out / "results.h5").summary
     facts = {key: old.get(key) for key in ("engine_s", "engine_version", "ranks", "wall_s", "stopped")}
+    if old.get("speed_error") is not None:
+        facts["speed"] = {"mean": old["speed_error"], "worst": old["speed_error_worst"]}
     if (out / "scene.toml").exists():
         scene = load_scene(out / "scene.toml")
     else:
@@ -301,17 +312,24 @@ def measure_folder(out: Path) -> RunResult:
 def _finish(out: Path, scene: Scene, plan: Plan, system: FilamentSystem, facts: dict[str, Any]) -> RunResult:
     """Measure, judge, store and draw."""
     folder = out / "deck"
+    stopped: str | None = facts.get("stopped")
+    known: Sequence[Mapping[str, Any]] = ()
     if (folder / "record.txt").exists():
         curve, frames, extremes = read_run(folder, system, plan)
         if len(frames) == 0 and (out / "results.h5").exists():
             frames = store.read_results(out / "results.h5").frames
+        states = read_states(folder)
+        ended = bool(states) and states[0].phase >= 3
+        stopped = None if ended else stopped or "stopped before its end; go on with --resume"
     elif (out / "results.h5").exists():
         stored = store.read_results(out / "results.h5")
         curve, frames, extremes = stored.curve, stored.frames, None
+        known = stored.summary.get("guards", ())
     else:
         raise StoreError(f"{out}: neither deck/record.txt nor results.h5: nothing was computed yet")
-    speed = _speed_error(out, plan, system, curve)
-    review = review_run(scene, plan, system, curve, frames, extremes, speed)
+    facts = {**facts, "stopped": stopped}
+    speed = _speed_error(out, plan, system, curve) or facts.get("speed")
+    review = _complete(review_run(scene, plan, system, curve, frames, extremes, speed), known, stopped, curve, plan)
     summary = _summary(scene, plan, curve, review, speed, facts)
     results = store.Results(system, curve, frames, plan.timestep, review.statistics, scene.to_toml(),
                             json.dumps(store.plain(plan_dict(plan))), summary)
@@ -325,6 +343,20 @@ def _finish(out: Path, scene: Scene, plan: Plan, system: FilamentSystem, facts: 
         summary["wall_s"] = time.perf_counter() - facts["begin"]
         store.write_json(out / "summary.json", summary)
     return RunResult(out, curve, summary, review)
+
+
+def _complete(
+    review: Review, known: Sequence[Mapping[str, Any]], stopped: str | None, curve: Curve, plan: Plan
+) -> Review:
+    """The review with what it cannot see: verdicts on samples that are stored no more, and an early end."""
+    judged = {g.name for g in review.guards}
+    more = [Guard(**{**g, "value": math.nan if g["value"] is None else g["value"]})
+            for g in known if g["name"] not in judged and g["name"] != ENDED]
+    if stopped is not None:
+        done = float(curve["step"][-1])
+        more.append(Guard(ENDED, False, done, float(plan.planned_steps),
+                          f"{ENDED}: at step {done:.0f} of about {plan.planned_steps}: {stopped.splitlines()[0]}"))
+    return replace(review, guards=(*review.guards, *more))
 
 
 def _summary(
@@ -362,7 +394,6 @@ def _summary(
     }
     if facts.get("stopped"):
         summary["stopped"] = facts["stopped"]
-        summary["warnings"].append("the engine stopped early: " + str(facts["stopped"]).splitlines()[0])
     return summary
 
 
