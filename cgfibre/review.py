@@ -32,6 +32,8 @@ SLIDE_LIMIT = 0.15
 TURN_LIMIT = 0.5
 #: approach over D at which the line contact's theory ends: b/R = 0.58 at 10 N/mm of carbon, 6 % soft there
 APPROACH_LIMIT = 0.25
+#: filaments of beads at most D apart overlap by 0.29 D on their way through each other (sqrt(1/2) D between the centres)
+PASSING_OVERLAP = 0.2
 #: surfaces this far apart (over D) count as neighbours in the coordination number
 TOUCHING = 0.02
 
@@ -85,13 +87,15 @@ def review_run(
     speed: dict[str, float] | None = None,
 ) -> Review:
     """All guards, statistics and fits of a run, finished or cut short; ``speed`` is what :func:`speed_change` found."""
-    found = list(_guards(plan, system, curve, frames))
+    shallow = extremes is not None and len(extremes.closest) > 0 and bool(
+        np.max(1 - extremes.closest / float(np.max(system.diameter))) < PASSING_OVERLAP)
+    found = list(_guards(plan, system, curve, frames, swaps=not shallow))
     if extremes is not None and len(extremes.closest):
         found += _extreme_guards(plan, system, extremes)
     start = quasi_static_from(plan, system, curve)
     ratio = None
     if start is None:
-        limit = float(plan.motion.quasi_static_force(np.max(curve["displacement_um"]))) * 1e-9
+        limit = float(plan.motion.quasi_static_force(np.array(np.max(curve["displacement_um"])))) * 1e-9
         peak = float(np.max(curve["force_top_N"], initial=0.0))
         found.append(Guard("quasi-static", False, peak, limit,
                            f"quasi-static: the force ({peak:.2g} N) did not rise above {limit:.2g} N, below which inertia is "
@@ -121,13 +125,13 @@ def quasi_static_from(plan: Plan, system: FilamentSystem, curve: Curve) -> float
     return float(d[after]) if after < len(d) else None
 
 
-def _guards(plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames) -> list[Guard]:
+def _guards(plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames, swaps: bool) -> list[Guard]:
     found = [guards.finite(curve, frames)]
     if len(frames):
         found.append(guards.lost_beads(system.n_beads, int(np.sum(np.isfinite(frames.positions[-1]).all(axis=1)))))
     if not found[0].ok or not all(g.ok for g in found) or len(frames) == 0:
         return found  # geometry of what is not finite says nothing
-    found.append(guards.filaments_through_each_other(system, frames))
+    found.append(guards.filaments_through_each_other(system, frames, swaps))
     for side, span in enumerate((plan.platens.top_span, plan.platens.bottom_span)):
         # a platen presses the beads that were built under it, wherever they slide
         pressed = _built_under(plan, system, span)
