@@ -89,3 +89,13 @@ def cgfibre(tmp_path):
                               capture_output=True, text=True, timeout=120, check=False)
 
     return call
+
+
+@pytest.fixture
+def measured(record_property):
+    """Note a measured number beside its closed form: analysis/verification.py makes docs/verification.md of them."""
+
+    def note(what: str, quantity: str, value: float, exact: float) -> None:
+        record_property("measured", f"{what}|{quantity}|{value:.9g}|{exact:.9g}")
+
+    return note

@@ -34,7 +34,7 @@ def press(
     """(compliance um/nN, outcome): filament pressed at mid-span by an edge, or by a flat platen; no plate below it.
 
     What the beads under the platen give way (n kn) is taken off. Held until the last rows agree to 1e-5. Rods are
-    pressed deeper: the engine's bpm bonds lose half their digits in an arc cosine, a noise of 0.3 nN on the supports.
+    pressed deeper: the engine's bpm bonds leave a noise of 0.3 nN on the supports (an arc cosine that loses half its digits, it seems).
     """
     changes = {"model.level": level, "model.spacing": f"{spacing} um", "ends.tension": f"{tension} nN",
                "assembly.length": f"{length} um", "ends.support": ends}
@@ -59,7 +59,7 @@ def press(
 
 
 @pytest.mark.parametrize("length", [20 * D, 40 * D])
-def test_a_chain_bends_as_the_sum_over_its_hinges_says(tmp_path, length):
+def test_a_chain_bends_as_the_sum_over_its_hinges_says(tmp_path, measured, length):
     """Simply supported, mid-span force: F L^3/(48 EI) (1 + 2 (s/L)^2), the trapezoidal rule of the chain's hinges.
 
     Tolerance: large deflection and the sagging of bonds, (0.1/L)^2 and less.
@@ -67,14 +67,18 @@ def test_a_chain_bends_as_the_sum_over_its_hinges_says(tmp_path, length):
     compliance, _ = press(tmp_path, "chain", tension=0.0, length=length)
     EI = planned({})[1].types[0].EI
     assert compliance == pytest.approx(length**3 / (48 * EI) * (1 + 2 * (D / length) ** 2), rel=5e-5)
+    measured(f"chain: simply supported, mid-span force, L = {length / D:.0f} D, s = D", "deflection", compliance,
+             length**3 / (48 * EI))
 
 
 @pytest.mark.parametrize("length", [20 * D, 40 * D])
-def test_a_clamped_chain_converges_with_the_square_of_the_spacing(tmp_path, length):
+def test_a_clamped_chain_converges_with_the_square_of_the_spacing(tmp_path, measured, length):
     """Clamped at both ends: L^3/(192 EI) (1 + 8 (s/L)^2); the clamp hinges carry 2 EI/s."""
     compliance, _ = press(tmp_path, "chain", tension=0.0, length=length, ends="clamped")
     EI = planned({})[1].types[0].EI
     assert compliance == pytest.approx(length**3 / (192 * EI) * (1 + 8 * (D / length) ** 2), rel=5e-5)
+    measured(f"chain: clamped, mid-span force, L = {length / D:.0f} D, s = D", "deflection", compliance,
+             length**3 / (192 * EI))
 
 
 @pytest.mark.parametrize(
@@ -90,7 +94,7 @@ def test_a_clamped_chain_converges_with_the_square_of_the_spacing(tmp_path, leng
         ("rod", 4e5, 0.0, D / 2, 1e-4),
     ],
 )
-def test_a_platen_bends_a_filament_as_a_tensioned_beam(tmp_path, level, tension, width, spacing, error):
+def test_a_platen_bends_a_filament_as_a_tensioned_beam(tmp_path, measured, level, tension, width, spacing, error):
     """Against platen_force (rods: with shear). Chains err by about 2 (s/L)^2 = 1.25e-3; rods by 7e-5 under high tension
     and less else. Half the spacing on half the length keeps s/L."""
     length = 40 * spacing
@@ -99,6 +103,8 @@ def test_a_platen_bends_a_filament_as_a_tensioned_beam(tmp_path, level, tension,
     exact = 1 / rod.platen_force(1.0, length, f.EI, width=width, tension=tension,
                                  kGA=f.kGA if level == "rod" else math.inf)
     assert compliance == pytest.approx(float(exact), rel=error)
+    measured(f"{level}: {f'platen of {width:g} um' if width else 'mid-span force'}, tension {tension * 1e-7:g} cN, "
+             f"s = {spacing / D:g} D, L = 40 s", "deflection", compliance, float(exact))
     # what the platen gives the supports take, half each, but for that noise
     left, right, wall = out.rows("supports.txt")[-1, 1:]
     assert left + right == pytest.approx(wall, rel=2e-6)
@@ -106,12 +112,14 @@ def test_a_platen_bends_a_filament_as_a_tensioned_beam(tmp_path, level, tension,
 
 
 @pytest.mark.parametrize("tension", [0.0, 4e5])
-def test_a_clamped_rod_is_exact(tmp_path, tension):
+def test_a_clamped_rod_is_exact(tmp_path, measured, tension):
     """Clamped at both ends = two simply supported beams of half the span, one upside down at the other's end."""
     compliance, _ = press(tmp_path, "rod", tension=tension, ends="clamped")
     f = planned({})[1].types[0]
     exact = 2 * rod.platen_compliance(L / 2, f.EI, tension=tension, kGA=f.kGA)
     assert compliance == pytest.approx(float(exact), rel=1e-4)
+    measured(f"rod: clamped, mid-span force, tension {tension * 1e-7:g} cN, s = D, L = 40 D", "deflection", compliance,
+             float(exact))
 
 
 # --- stretching ------------------------------------------------------------------------------------------------------
@@ -119,7 +127,7 @@ def test_a_clamped_rod_is_exact(tmp_path, tension):
 
 @pytest.mark.parametrize("ends", ["simply-supported", "clamped"])
 @pytest.mark.parametrize("level", LEVELS)
-def test_the_end_load_is_in_equilibrium_as_built_and_stretches_by_EA(tmp_path, level, ends):
+def test_the_end_load_is_in_equilibrium_as_built_and_stretches_by_EA(tmp_path, measured, level, ends):
     """At the planned end load nothing moves; twice of it moves the loaded end by P/EA of the natural length.
 
     EA is the softened one of the plan; the natural length is L/(1 + P/EA).
@@ -144,6 +152,7 @@ def test_the_end_load_is_in_equilibrium_as_built_and_stretches_by_EA(tmp_path, l
     inner = span if held == 1 else span - 2 * D  # the held bonds at the left carry nothing
     if held == 1:
         assert pulled == pytest.approx(P / EA * inner / (1 + P / EA), rel=1e-8)
+        measured(f"{level}: end load doubled", "elongation", pulled, P / EA * inner / (1 + P / EA))
     else:  # the inner loaded bead moves with the span, the outer one by half a load on its own bond more
         outer = D / (1 + P / 2 / EA) / 2
         assert pulled == pytest.approx(P / EA * (2 * inner / (1 + P / EA) + outer), rel=1e-8)
@@ -152,7 +161,7 @@ def test_the_end_load_is_in_equilibrium_as_built_and_stretches_by_EA(tmp_path, l
 # --- twist -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_twisted_rod_is_linear_and_its_grips_hold_it_a_tenth_of_a_bond_beyond_its_ends(tmp_path):
+def test_a_twisted_rod_is_linear_and_its_grips_hold_it_a_tenth_of_a_bond_beyond_its_ends(tmp_path, measured):
     """Middle bead turned after the reference run and held: torque 4 GJ theta/(L + 0.2 s), linear to the grips."""
     length, theta = 20 * D, 0.2
     plan, system = planned({"model.level": "rod", "assembly.length": f"{length} um"})
@@ -183,6 +192,7 @@ def test_a_twisted_rod_is_linear_and_its_grips_hold_it_a_tenth_of_a_bond_beyond_
     assert -torque[middle] == pytest.approx(4 * f.GJ * theta / natural, rel=1e-7)
     exact = support.mid_span_torsional_stiffness(length, f.GJ) * theta
     assert -torque[middle] == pytest.approx(float(exact), rel=0.2 * D / length)
+    measured("rod: turned at mid-span, both ends held, s = D, L = 20 D", "torque", -torque[middle], float(exact))
 
 
 def twisted_and_bent(folder, damping: float) -> Outcome:
@@ -221,7 +231,7 @@ def two_filaments(level: str, aside: float) -> tuple[Plan, FilamentSystem]:
 
 
 @pytest.mark.parametrize("level", LEVELS)
-def test_filaments_dragged_across_each_other_slide_at_the_pairs_friction(tmp_path, level):
+def test_filaments_dragged_across_each_other_slide_at_the_pairs_friction(tmp_path, measured, level):
     """The lower one held, the upper one pushed down and dragged across its top by 0.04 um, beads in register.
 
     Bumps play no part: every bead stays above its own. On the slope alpha = y/D: F_y/F_z = tan(atan mu - alpha).
@@ -247,12 +257,13 @@ def test_filaments_dragged_across_each_other_slide_at_the_pairs_friction(tmp_pat
     ratio = np.tan(np.arctan2(rows[sliding, 2], -rows[sliding, 3]) + slope[sliding])
     # what is left is the damping of the push, 1e-6
     np.testing.assert_allclose(ratio, 0.2, rtol=1e-5)
+    measured(f"{level}: two parallel filaments dragged across each other", "F_t/F_n", float(np.mean(ratio)), 0.2)
     assert np.all(np.abs(rows[sliding, 1]) < 1e-6 * np.abs(rows[sliding, 3]))
 
 
 @pytest.mark.parametrize("along", [True, False])
 @pytest.mark.parametrize("level", LEVELS)
-def test_a_filament_dragged_between_platens_slides_at_their_friction(tmp_path, level, along):
+def test_a_filament_dragged_between_platens_slides_at_their_friction(tmp_path, measured, level, along):
     """Both platens dent it by 0.01 um; a flat platen feels no bumps, so any direction will do. Top and bottom agree."""
     plan, system = planned({"model.level": level, "assembly.length": f"{10 * D} um", "platens.friction": 0.3})
     plan = moved(plan, 1e-9, 4000)
@@ -271,6 +282,8 @@ def test_a_filament_dragged_between_platens_slides_at_their_friction(tmp_path, l
     assert -top[2] == pytest.approx(normal, rel=1e-6) and bottom[2] == pytest.approx(normal, rel=1e-6)
     assert -top[axis] / -top[2] == pytest.approx(0.3, rel=1e-6)
     assert -bottom[axis] / bottom[2] == pytest.approx(0.3, rel=1e-6)
+    measured(f"{level}: dragged {'along' if along else 'across'} between platens", "F_t/F_n", -top[axis] / -top[2], 0.3)
+    measured(f"{level}: dented by both platens", "normal force", -top[2], normal)
 
 
 # --- section ---------------------------------------------------------------------------------------------------------
@@ -280,7 +293,7 @@ SECTION = {"model.level": "section", "platens.width": "500 um"}
 
 @pytest.mark.parametrize("form", ["exact", "thesis"])
 @pytest.mark.parametrize("length", [700.0, 345000.0])
-def test_a_disc_pushes_back_with_the_stiffness_of_its_filament(tmp_path, form, length):
+def test_a_disc_pushes_back_with_the_stiffness_of_its_filament(tmp_path, measured, form, length):
     """One disc pressed by the top platen: F = k (d - F/kn), k of the beam pushed by both edges, or of the thesis."""
     plan, system = planned(SECTION | {"model.spring": form, "assembly.length": f"{length} um"})
     f = system.types[0]
@@ -294,6 +307,8 @@ def test_a_disc_pushes_back_with_the_stiffness_of_its_filament(tmp_path, form, l
     out = run(tmp_path, system, plan, platen_bottom_um=-1000.0, drag=drag)
     force, d = out.record.mean["top_force"][-1], out.record.mean["displacement"][-1]
     assert force == pytest.approx(k * (d - force / plan.platens.kn), rel=1e-6)
+    measured(f"section: disc on the spring of {length / 1000:g} mm ({form})", "force", force,
+             k * (d - force / plan.platens.kn))
 
 
 def test_a_disc_turns_back_by_its_torsional_spring(tmp_path):
@@ -343,7 +358,7 @@ def test_two_discs_between_platens_carry_one_force(tmp_path):
 
 
 @pytest.mark.parametrize("form", ["condensed", "graded"])
-def test_a_far_field_carries_345_mm_on_a_millimetre_of_beads(tmp_path, form):
+def test_a_far_field_carries_345_mm_on_a_millimetre_of_beads(tmp_path, measured, form):
     """Force at the platen's edges, 0.1 um deep, against the beam of 345 mm: 4.648 nN/um (4.645 under an edge).
 
     The edges are held to the platen's displacement from the start: a platen that can only push bounces off so soft a
@@ -368,6 +383,7 @@ def test_a_far_field_carries_345_mm_on_a_millimetre_of_beads(tmp_path, form):
     assert force[-1] == pytest.approx(force[-2], rel=1e-4)
     exact = float(rod.platen_force(1.0, length, f.EI, width=width, tension=4e5))
     assert force[-1] / depth == pytest.approx(exact, rel=1e-3)
+    measured(f"chain: 345 mm, far field {form}, 0.5 mm platen", "stiffness", force[-1] / depth, exact)
     assert force[-1] / depth == pytest.approx(float(support.mid_span_stiffness(length, f.EI, 4e5)), rel=2e-3)
 
 
