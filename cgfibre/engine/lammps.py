@@ -33,7 +33,7 @@ REMEDIES: tuple[tuple[str, str, str], ...] = (
     (r"Out of range atoms", "a bead moved further than a cell in one step", "halve the time step or the platen speed"),
     (r"Too many neighbor bins", "several ranks cannot see across the long bonds of a graded far field",
      "use --ranks 1, or --set model.far_field=condensed"),
-    (r"No space left|Disk quota|Write error|error writing", "the disk is full", "free space, then go on with --resume"),
+    (r"No space left|Disk quota|[Ww]rite error|[Ee]rror writing|I/O error while writing", "the disk is full", "free space, then go on with --resume"),
     (r"Cannot open", "a file of the deck is missing or not writable", "build the deck again; check write access"),
     (r"Unrecognized|Unknown", "this LAMMPS lacks a style that the deck needs",
      "use a build with the packages MOLECULE, GRANULAR and BPM (cgfibre doctor)"),
