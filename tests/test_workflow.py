@@ -434,6 +434,29 @@ def test_a_killed_run_goes_on_to_the_same_curve(bench, level):
     assert np.array_equal(a.step, b.step) and np.array_equal(a.positions, b.positions)
 
 
+@pytest.mark.parametrize("level", ["chain", "rod", "section"])
+def test_stopped_at_any_checkpoint_the_engine_goes_on_bit_by_bit(bench, level):
+    """The engine quits right after a checkpoint, a third of the way; by hand it would be resumed with the same words."""
+    overrides = [f"model.level={level}", "platens.stop.displacement=3 um", "output.samples=20"]
+    unbroken = bench.run("unbroken", *overrides)
+    out = bench.folder / "quit"
+    folder = workflow.build_scene(bench.scene, out, overrides)
+    phases = (folder / "phases.inc").read_text()
+    line = "variable        slot equal 1-${slot}\n"
+    assert phases.count(line) == 1
+    stop = unbroken.summary["n_steps"] // 3
+    (folder / "phases.inc").write_text(phases.replace(line, f'if "$(step) >= {stop}" then "quit 1"\n' + line))
+    with pytest.raises(EngineError):
+        run_deck(find_engine(), folder, f"in.{level}")
+    (folder / "phases.inc").write_text(phases)
+    state = read_states(folder)[0]
+    assert stop <= state.step < 0.6 * unbroken.summary["n_steps"]
+    resumed = workflow.run_scene(bench.scene, workflow.RunOptions(out, resume=True), overrides)
+    log = (folder / "log.lammps").read_text()
+    assert "master list distance cutoff = 8\n" in log, "LAMMPS forgot how far contacts reach"
+    same_curve(resumed.curve, unbroken.curve)
+
+
 def test_killed_before_the_first_checkpoint(bench, finished):
     out = bench.folder / "early"
     process = start(bench.scene, out)
