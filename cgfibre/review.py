@@ -26,6 +26,8 @@ from cgfibre.scene import Scene
 ENERGY_LIMIT = 0.05
 #: mean change of the force on halving the platen speed, over the accuracy asked for, beyond which a run is distrusted
 SPEED_FACTOR = 2.0
+#: largest slide of filaments under the anvil's edge over the free span beside it
+SLIDE_LIMIT = 0.15
 #: largest turn of a section's disc: its spring's torque k sin(turn) is then 4 % below k turn
 TURN_LIMIT = 0.5
 #: approach over D at which the line contact's theory ends: b/R = 0.58 at 10 N/mm of carbon, 6 % soft there
@@ -60,18 +62,16 @@ def mid_plane(scene: Scene, plan: Plan) -> float:
 
 
 def platen_gaps(plan: Plan, system: FilamentSystem, displacement: float) -> tuple[Gap, Gap]:
-    """Gap functions of the top and the bottom platen at a displacement of the top one, um."""
+    """Gap functions of the top and the bottom platen at a displacement of the top one, um; surfaces without edges."""
     top, bottom = platen_heights(system, plan)
     p = plan.platens
-    everywhere = (-math.inf, math.inf)
-    top_span, bottom_span = p.top_span or everywhere, p.bottom_span or everywhere
     if p.shape != "crimped":
-        return FlatPlaten(top - displacement, True, top_span), FlatPlaten(bottom, False, bottom_span)
+        return FlatPlaten(top - displacement, True), FlatPlaten(bottom, False)
     top_z, bottom_z = crimp_cylinders(plan, top, bottom)
-    upper = CylinderPlaten(p.crimp_centre, top_z - displacement, p.crimp_radius, p.convex, top_span)
-    lower: Gap = FlatPlaten(bottom, False, bottom_span)
+    upper = CylinderPlaten(p.crimp_centre, top_z - displacement, p.crimp_radius, p.convex)
+    lower: Gap = FlatPlaten(bottom, False)
     if p.bottom_crimped:
-        lower = CylinderPlaten(p.crimp_centre, bottom_z, p.crimp_radius, p.convex, bottom_span)
+        lower = CylinderPlaten(p.crimp_centre, bottom_z, p.crimp_radius, p.convex)
     return upper, lower
 
 
@@ -128,18 +128,43 @@ def _guards(plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames) ->
     if not found[0].ok or not all(g.ok for g in found) or len(frames) == 0:
         return found  # geometry of what is not finite says nothing
     found.append(guards.filaments_through_each_other(system, frames))
-    gaps = [platen_gaps(plan, system, float(d)) for d in frames.displacement_um]
-    found.append(guards.beads_past_platen(_engaged(plan, system, frames), gaps))
+    for side, span in enumerate((plan.platens.top_span, plan.platens.bottom_span)):
+        # a platen presses the beads that were built under it, wherever they slide
+        pressed = _built_under(plan, system, span)
+        gaps = [[platen_gaps(plan, system, float(d))[side]] for d in frames.displacement_um]
+        found.append(guards.beads_past_platen(
+            Frames(frames.step, frames.displacement_um, frames.positions[:, pressed]), gaps,
+            f"beads past the {('top', 'bottom')[side]} platen"))
     found.append(guards.force_balance(curve, applies=plan.beads.support == "periodic"))
+    if plan.platens.top_span is not None:
+        found.append(_slide_guard(plan, system, frames))
     return found
 
 
-def _engaged(plan: Plan, system: FilamentSystem, frames: Frames) -> Frames:
-    """Frames with the beads that platens act on alone: supports and far field stand apart."""
+def _built_under(plan: Plan, system: FilamentSystem, span: tuple[float, float] | None) -> np.ndarray:
+    """(n_beads,) bool: beads that a platen acts on."""
     if plan.level == "section":
-        return frames
+        return np.ones(system.n_beads, dtype=bool)
     role = np.tile(plan.beads.role, system.n_filaments)
-    return Frames(frames.step, frames.displacement_um, frames.positions[:, role == 0])
+    x = system.positions[:, 0]
+    return (role == 0) if span is None else (role == 0) & (x > span[0] - 1e-3) & (x < span[1] + 1e-3)
+
+
+def _slide_guard(plan: Plan, system: FilamentSystem, frames: Frames) -> Guard:
+    """How far filaments slid under the anvil's edges, over the free span that bends beside them.
+
+    The edge presses the bead built under it, also where that slides inwards: the free span then grows by as much.
+    """
+    lo, hi = plan.platens.top_span or (0.0, 0.0)
+    pressed = _built_under(plan, system, (lo, hi))
+    x = system.positions[pressed, 0]
+    edge = np.flatnonzero(pressed)[(np.abs(x - lo) < 1e-3) | (np.abs(x - hi) < 1e-3)]
+    slide = float(np.max(np.abs(frames.positions[:, edge, 0] - system.positions[edge, 0]), initial=0.0))
+    share = slide / plan.free_span
+    return Guard("sliding under the anvil's edge", share <= SLIDE_LIMIT, share, SLIDE_LIMIT,
+                 f"sliding under the anvil's edge: filaments slid by {slide:.2g} um, {share:.0%} of the free span (limit "
+                 f"{SLIDE_LIMIT:.0%}); the edge moves with them, so bending forces are too low by about three times that; press "
+                 "less deep")
 
 
 def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> list[Guard]:

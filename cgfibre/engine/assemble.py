@@ -207,6 +207,7 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
         rows = [(float(stiffness[i]),) for i in first]
     topologies = [bond, Topology("Angle", angles, angle_kind, rows, style)]
     if plan.torsion == "dihedral":
+        _check_dihedral_step(system, plan, bend, mass)
         topologies.append(_dihedrals(system))
     diameter = system.diameter[system.filament_of_bead]
     n_types = ROLES * len(types)
@@ -251,6 +252,24 @@ def _check_curved(bend: FloatArray) -> None:
             "model.torsion", "dihedral",
             f"filaments bent by at least {HARMONIC_BEND} rad at every bead (here {least:.2g}): on a straight chain a dihedral "
             "is singular and follows the centre line, not the material's twist; use level = \"rod\"")
+
+
+def _check_dihedral_step(system: FilamentSystem, plan: Plan, bend: FloatArray, mass: FloatArray) -> None:
+    """Refuse a time step that dihedrals make unstable: omega^2 = 64 GJ/(s^3 theta^2 m) for a bend theta a bead.
+
+    A dihedral's angle is (b.(r1 - 3 r2 + 3 r3 - r4))/(s theta), b the binormal: 2^6 for beads that move by turns.
+    """
+    quads = system.dihedrals()
+    at = np.zeros(system.n_beads)
+    at[system.angles()[:, 1]] = bend
+    GJ = np.array([t.GJ for t in system.types])[system.filament_type[system.filament_of_bead[quads[:, 0]]]]
+    s = np.linalg.norm(system.positions[quads[:, 2]] - system.positions[quads[:, 1]], axis=1)
+    theta, m = np.min(at[quads[:, 1:3]], axis=1), np.min(mass[quads[:, 1:3]], axis=1)
+    limit = 2 / math.sqrt(float(np.max(64 * GJ / (s**3 * theta**2 * m))) + (2 / plan.timestep_limit) ** 2)
+    if plan.timestep > 0.99 * limit:
+        raise InputError("model.timestep", f"{plan.timestep:.4g} us",
+                         f"at most {0.65 * limit:.3g} us: dihedrals on filaments bent by "
+                         f"{float(np.min(theta)):.2g} rad a bead are stiffer than bending")
 
 
 def _dihedrals(system: FilamentSystem) -> Topology:

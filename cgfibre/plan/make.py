@@ -235,6 +235,7 @@ def _filament_plan(scene: Scene, out: Outline, level: str, choices: list[Choice]
         torsion=scene.model.torsion, contact=contact.pair, platens=_platens(scene, contact, hi - lo, edges=True),
         motion=motion, sampling=sampling, predicted_seconds=_seconds(level, n_beads, motion),
         choices=tuple(choices), omissions=tuple(omissions),
+        free_span=min(lo, 2 * layer) if lo > 0 else math.inf,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,7 +128,7 @@ class Plan:
     """The least model that the scene asks for, in engine units.
 
     ``depth`` um is the length a section stands for (0 for the other levels); ``springs`` (nN/um, nN um/rad) its
-    springs; ``timestep`` us; ``drag`` nN us/um and ``turning_drag`` nN um us of the background on a contact bead.
+    springs; ``free_span`` um the length that bends beside a finite platen; ``timestep`` us; ``drag`` nN us/um and ``turning_drag`` nN um us of the background on a contact bead.
     """
 
     level: str
@@ -151,6 +152,7 @@ class Plan:
     predicted_seconds: float
     choices: tuple[Choice, ...]
     omissions: tuple[Omission, ...]
+    free_span: float = math.inf
     depth: float = 0.0
     springs: tuple[float, float] = (0.0, 0.0)
 

@@ -1,0 +1,95 @@
+"""Small assemblies through the engine's own decks: what the closed-form tests share."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from cgfibre.build.system import FilamentSystem, FloatArray
+from cgfibre.engine.assemble import assemble
+from cgfibre.engine.datafile import write_data
+from cgfibre.engine.deck import write_deck
+from cgfibre.engine.dump import RawRecord, read_record
+from cgfibre.engine.lammps import find_engine, run_deck
+from cgfibre.plan.make import make_plan
+from cgfibre.plan.model import Plan
+from cgfibre.plan.system import build_system
+from cgfibre.scene import Scene, scene_from_dict
+
+#: one 0.7 mm carbon filament
+SCENE = {
+    "filament": {"material": "T700 carbon"},
+    "assembly": {"count": 1, "length": "0.7 mm"},
+    "platens": {"stop": {"displacement": "1 um"}, "friction": 0.0},
+}
+
+
+def scene(changes: Mapping[str, object]) -> Scene:
+    """SCENE with dotted keys set."""
+    data = copy.deepcopy(SCENE)
+    for key, value in changes.items():
+        *parents, last = key.split(".")
+        table = data
+        for parent in parents:
+            table = table.setdefault(parent, {})
+        table[last] = value
+    return scene_from_dict(data)
+
+
+def planned(changes: Mapping[str, object]) -> tuple[Plan, FilamentSystem]:
+    """Plan and assembly of SCENE with dotted keys set."""
+    s = scene(changes)
+    plan = make_plan(s)
+    return plan, build_system(s, plan)
+
+
+def pressed_at(plan: Plan, lo: float, hi: float) -> Plan:
+    """The top platen over lo <= x <= hi alone."""
+    return replace(plan, platens=replace(plan.platens, top_span=(lo, hi)))
+
+
+def moved(plan: Plan, speed: float, load: int, hold: int = 0, sample: int = 1000) -> Plan:
+    """Even platen speed, steps of loading and holding, the rows of the record."""
+    motion = replace(
+        plan.motion, first=speed, last=speed, growth=1.0, load_steps=load, hold_steps=hold, unload=False)
+    whole = load + hold
+    sampling = replace(plan.sampling, sample=sample, every=max(1, sample // 20), frame=whole, checkpoint=whole)
+    return replace(plan, motion=motion, sampling=sampling)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a deck left: its record, and the rows of files that a test's own commands wrote."""
+
+    folder: Path
+    record: RawRecord
+
+    def rows(self, name: str) -> FloatArray:
+        return np.loadtxt(self.folder / name, ndmin=2)
+
+
+def run(
+    folder: Path,
+    system: FilamentSystem,
+    plan: Plan,
+    commands: Sequence[str] = (),
+    **variables: float | str,
+) -> Outcome:
+    """Write the deck of the plan's level and run it; ``commands`` go before its phases, as a user may add them."""
+    deck = assemble(system, plan)
+    write_deck(folder, deck.name, deck.parameters, "test")
+    write_data(folder / "system.data", deck.data)
+    for name, column in deck.tables.items():
+        (folder / name).write_text("".join(f"{x:.17g}\n" for x in column.tolist()))
+    text = (folder / deck.name).read_text()
+    last = "include         phases.inc"
+    if text.count(last) != 1:
+        raise ValueError(f"{deck.name} has no line of its own for the phases")
+    (folder / deck.name).write_text(text.replace(last, "\n".join([*commands, last])))
+    run_deck(find_engine(), folder, deck.name, 1, {k: str(v) for k, v in variables.items()})
+    return Outcome(folder, read_record(folder))
+
