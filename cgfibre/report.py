@@ -46,24 +46,29 @@ class RunProgress:
         self._task: TaskID | None = None
 
     def __enter__(self) -> RunProgress:
-        self._progress.start()
-        self._task = self._progress.add_task("pressing", total=None, state="")
         return self
+
+    def _begin(self) -> TaskID:
+        """Show the bar at the first sign of a run, so that wrong input is answered by its one line alone."""
+        if self._task is None:
+            self._progress.start()
+            self._task = self._progress.add_task("pressing", total=None, state="")
+        return self._task
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
         self._progress.stop()
 
     def update(self, step: int, planned: int, displacement: float, force: float) -> None:
         """Show a state; the signature of :data:`cgfibre.workflow.Progress`."""
-        if self._task is None:
-            return
+        task = self._begin()
         elapsed = self._progress.tasks[0].elapsed or 0.0
         rate = f"{step / elapsed:.0f} steps/s" if elapsed > 1 else ""
-        self._progress.update(self._task, completed=step, total=planned,
+        self._progress.update(task, completed=step, total=planned,
                               state=f"{displacement:.2f} um  {force:.3g} N  {rate}")
 
     def note(self, text: str) -> None:
         """A line above the bar."""
+        self._begin()
         self._progress.console.print(text, highlight=False)
 
 

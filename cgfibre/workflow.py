@@ -9,6 +9,7 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -174,7 +175,8 @@ def run_scene(
             _keep_what_there_is(out, scene, plan, system, str(error), begin)
             raise
         finally:
-            if (folder / "log.lammps").exists():
+            # a copy for convenience: on a full disk it must not hide the engine's own error
+            with suppress(OSError):
                 shutil.copyfile(folder / "log.lammps", out / "log.lammps")
         check.wait(note)
     return _finish(out, scene, plan, system, _facts(engine, engine_s, begin, options))

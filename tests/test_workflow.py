@@ -93,9 +93,10 @@ def test_results_hold_the_curve_the_frames_and_the_scene(finished):
     assert stored.frames.displacement_um.max() == pytest.approx(4.0, rel=0.01)
     # the tops of the contact beads are at the platen then
     k = int(np.argmax(stored.frames.displacement_um))
-    under = np.abs(stored.frames.positions[k][:, 0] - 70) < 30
+    under = np.abs(stored.frames.positions[k][:, 0] - 70) < 35.1
     top = stored.frames.positions[k][under, 2].max() + 3.5
-    assert top == pytest.approx(stored.curve["thickness_um"][0] / 2 - 4.0, abs=0.3)
+    # its axis below the platen, its surface pressed in by at most a twentieth of the diameter
+    assert 0 < top - (stored.curve["thickness_um"][0] / 2 - stored.frames.displacement_um[k]) < 0.35
 
 
 def test_unloading_ends_near_zero_force(finished):
@@ -141,12 +142,12 @@ def test_measuring_nothing_is_refused(tmp_path):
 SHORT = ("platens.stop.displacement=1 um", "platens.unload=false", "output.samples=10")
 
 
-def close_to(curve, whole):
-    """Sums over ranks differ in the last bit, which contacts amplify: within 2 % of the force at 1 um here."""
-    d, f = curve["displacement_um"], curve["force_top_N"]
-    assert len(d) >= 10 and f.max() > 0
-    expected = np.interp(d, whole["displacement_um"][whole.loading], whole["force_top_N"][whole.loading])
-    assert f == pytest.approx(expected, abs=0.02 * 0.004)
+def close_to(two, one):
+    """Sums over ranks differ in the last bit, which contacts amplify: within 2 % of the largest force here."""
+    f = one["force_top_N"]
+    assert len(one) >= 10 and f.max() > 1e-3
+    assert two["step"].tolist() == one["step"].tolist()
+    assert two["force_top_N"] == pytest.approx(f, abs=0.02 * f.max())
 
 
 # --- repeating ------------------------------------------------------------------------------------------------------
@@ -159,10 +160,10 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_does_not(bench, fin
     assert (bench.folder / "other" / "curve.csv").read_bytes() != (finished.out / "curve.csv").read_bytes()
 
 
-def test_two_ranks_agree_within_scatter(bench, finished):
+def test_two_ranks_agree_within_scatter(bench):
     two = bench.run("two", *SHORT, ranks=2)
     assert two.summary["ranks"] == 2
-    close_to(two.curve, finished.curve)
+    close_to(two.curve, bench.run("one", *SHORT).curve)
 
 
 def test_an_earlier_run_is_not_overwritten_without_force(bench, copied):
@@ -213,7 +214,7 @@ def test_loading_stops_where_asked_and_unloads(tiny, bench, stop, reached):
     path.write_text(text)
     r = workflow.run_scene(path, workflow.RunOptions(bench.folder / "out"))
     assert reached(r.curve)
-    assert r.curve.unloading.any() and abs(r.curve["force_top_N"][-1]) < 0.1 * r.summary["peak_force_N"]
+    assert r.curve.unloading.any() and abs(r.curve["force_top_N"][-1]) < 0.15 * r.summary["peak_force_N"]
 
 
 def test_holding_keeps_the_platen_still(bench):
@@ -250,7 +251,7 @@ def test_crimped_platens(bench, overrides):
     # the platen touches at mid-span or at its edges alone, so the force differs from that of the flat one
     assert abs(c["force_top_N"].max() / f.max() - 1) > 0.001
     assert 0.1 < c["force_top_N"].max() / f.max() < 3
-    assert c["force_bottom_N"].max() > 0
+    assert c["displacement_um"].max() > 1.8 and 0 < np.abs(c["work_J"]).max() < 1e-7
 
 
 def test_a_full_width_platen_presses_harder_than_a_narrow_one(bench):
@@ -347,14 +348,13 @@ def test_a_deck_run_by_hand_gives_the_same_record(tiny, tmp_path, finished):
         assert (folder / name).read_bytes() == (finished.out / "deck" / name).read_bytes(), name
 
 
-def test_a_deck_runs_by_hand_on_two_ranks_and_is_measured(tiny, tmp_path, finished, monkeypatch):
-    monkeypatch.setattr(workflow, "draw_all", lambda *args, **kwargs: [])
+def test_a_deck_runs_by_hand_on_two_ranks_and_is_measured(bench, tiny, tmp_path):
     folder = workflow.build_scene(tiny, tmp_path / "out", SHORT)
     engine = find_engine()
     subprocess.run([*engine.launcher, "-n", "2", engine.executable, "-in", "in.chain", "-screen", "none"], cwd=folder,
                    env=dict(engine.environment), check=True, timeout=60, stdin=subprocess.DEVNULL)
     r = workflow.measure_folder(tmp_path / "out")
-    close_to(r.curve, finished.curve)
+    close_to(r.curve, bench.run("one", *SHORT).curve)
 
 
 def wrapper(path, before="", after=""):
@@ -432,6 +432,29 @@ def test_a_killed_run_goes_on_to_the_same_curve(bench, level):
     assert (out / "curve.csv").read_bytes() == (bench.folder / "unbroken" / "curve.csv").read_bytes()
     a, b = (store.read_results(bench.folder / name / "results.h5").frames for name in ("unbroken", "killed"))
     assert np.array_equal(a.step, b.step) and np.array_equal(a.positions, b.positions)
+
+
+@pytest.mark.parametrize("level", ["chain", "rod", "section"])
+def test_stopped_at_any_checkpoint_the_engine_goes_on_bit_by_bit(bench, level):
+    """The engine quits right after a checkpoint, a third of the way; by hand it would be resumed with the same words."""
+    overrides = [f"model.level={level}", "platens.stop.displacement=3 um", "output.samples=20"]
+    unbroken = bench.run("unbroken", *overrides)
+    out = bench.folder / "quit"
+    folder = workflow.build_scene(bench.scene, out, overrides)
+    phases = (folder / "phases.inc").read_text()
+    line = "variable        slot equal 1-${slot}\n"
+    assert phases.count(line) == 1
+    stop = unbroken.summary["n_steps"] // 3
+    (folder / "phases.inc").write_text(phases.replace(line, f'if "$(step) >= {stop}" then "quit 1"\n' + line))
+    with pytest.raises(EngineError):
+        run_deck(find_engine(), folder, f"in.{level}")
+    (folder / "phases.inc").write_text(phases)
+    state = read_states(folder)[0]
+    assert stop <= state.step < 0.6 * unbroken.summary["n_steps"]
+    resumed = workflow.run_scene(bench.scene, workflow.RunOptions(out, resume=True), overrides)
+    log = (folder / "log.lammps").read_text()
+    assert "master list distance cutoff = 8\n" in log, "LAMMPS forgot how far contacts reach"
+    same_curve(resumed.curve, unbroken.curve)
 
 
 def test_killed_before_the_first_checkpoint(bench, finished):
@@ -562,27 +585,26 @@ def test_an_engine_that_never_starts_is_exit_3(bench, cgfibre):
     assert "libmpi.so.12" in done.stderr and "remedy" in done.stderr and "Traceback" not in done.stderr
 
 
-FULL_DISK = """
-import resource, signal, sys
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
-sys.argv = ["cgfibre", "run", {scene!r}, "--out", {out!r}, "--quiet"]
-from cgfibre.cli import main
-main()
-"""
-
-
-def test_a_full_disk_is_exit_3_and_what_was_computed_is_readable(bench):
-    """Files limited to 40 kB: the data file fits, the trajectory does not."""
-    out = bench.folder / "full"
-    code = FULL_DISK.format(limit=40_000, scene=str(bench.scene), out=str(out))
-    done = subprocess.run([sys.executable, "-c", code], env=cgfibre_environment(), capture_output=True, text=True, timeout=60,
-                          check=False)
+@pytest.mark.parametrize("size", ["140k", "300k"], ids=["in a checkpoint", "in the trajectory"])
+def test_a_full_disk_is_exit_3_and_what_was_computed_is_kept(bench, finished, size):
+    """A small disk of its own for the run; once there is room again it is measured, and goes on to the same curve."""
+    disk, out = bench.folder / "disk", bench.folder / "out"
+    disk.mkdir()
+    mount = ["unshare", "-rm", "sh", "-c"]
+    if subprocess.run([*mount, f"mount -t tmpfs -o size={size} tmpfs {disk}"], capture_output=True, check=False).returncode:
+        pytest.skip("no right to mount a small disk here")
+    command = " ".join(cgfibre_command("run", bench.scene, "--out", disk / "r", "--quiet"))
+    done = subprocess.run([*mount, f"mount -t tmpfs -o size={size} tmpfs {disk} || exit 99; {command}; code=$?; "
+                           f"cp -r {disk}/r {out}; exit $code"],
+                          env=cgfibre_environment(), capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 3, done.stdout + done.stderr
-    assert "Traceback" not in done.stderr and done.stderr.startswith("cgfibre: ")
-    assert len(read_record(out / "deck").step) > 0
-    r = workflow.measure_folder(out)
-    assert len(r.curve) > 1
+    assert "Traceback" not in done.stderr
+    assert "the disk is full" in done.stderr and "remedy: free space" in done.stderr
+    assert len(read_record(out / "deck").step) > 1
+    partial = workflow.measure_folder(out)
+    assert len(partial.curve) > 2 and not partial.trusted
+    resumed = workflow.run_scene(bench.scene, workflow.RunOptions(out, resume=True))
+    same_curve(resumed.curve, finished.curve)
 
 
 # --- guards ---------------------------------------------------------------------------------------------------------
