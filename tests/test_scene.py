@@ -198,7 +198,8 @@ def test_shipped_scenes_load_and_say_what_they_are(name):
 def test_shipped_scenes_are_pressed_to_about_half_their_height():
     for name in SHIPPED:
         s = load_scene(name)
-        if name not in ("carbon-2", "carbon-37-full-length"):  # a single contact; tuned to its quasi-static range
+        # a single contact; a stop by force; a locked column; filaments that slide under the anvil's edges
+        if name not in ("carbon-2", "carbon-37-full-length", "carbon-37-column", "carbon-127", "carbon-127-twisted"):
             assert 0.45 < s.platens.stop.value / module._height(s) < 0.6, name
 
 
