@@ -85,8 +85,15 @@ def cgfibre(tmp_path):
     """``cgfibre VERB ...`` as a process of its own, in an empty folder."""
 
     def call(*arguments, cwd=None, env=None):
-        return subprocess.run(cgfibre_command(*arguments), cwd=cwd or tmp_path, env=env or cgfibre_environment(),
-                              capture_output=True, text=True, timeout=120, check=False)
+        return subprocess.run(
+            cgfibre_command(*arguments),
+            cwd=cwd or tmp_path,
+            env=env or cgfibre_environment(),
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
 
     return call
 

@@ -7,7 +7,9 @@ import pytest
 from conftest import ROOT
 
 PACKAGE = ROOT / "cgfibre"
-MODULES = {".".join(p.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): p for p in PACKAGE.rglob("*.py")}
+MODULES = {
+    ".".join(p.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): p for p in PACKAGE.rglob("*.py")
+}
 
 #: layers from the ground up: a module imports from its own layer's package or from layers below
 LAYERS = [
@@ -94,9 +96,13 @@ def test_only_the_engine_speaks_lammps():
         if part(module) == "engine":
             continue
         tree = ast.parse(path.read_text())
-        docs = {id(node.body[0].value) for node in ast.walk(tree)
-                if isinstance(node, ast.Module | ast.FunctionDef | ast.ClassDef) and node.body
-                and isinstance(node.body[0], ast.Expr)}
+        docs = {
+            id(node.body[0].value)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Module | ast.FunctionDef | ast.ClassDef)
+            and node.body
+            and isinstance(node.body[0], ast.Expr)
+        }
         for node in ast.walk(tree):
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs:
                 assert not words.search(node.value), f"{module}: {node.value!r}"
@@ -111,7 +117,9 @@ def test_arrays_in_numbers_out(package):
             continue
         assert not {n.split(".")[0] for n in imports(module)} & files, module
         for node in ast.walk(ast.parse(path.read_text())):
-            assert not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "open"), module
+            assert not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "open"), (
+                module
+            )
             if isinstance(node, ast.arg) and node.annotation is not None:
                 assert "Path" not in ast.unparse(node.annotation), f"{module}: {node.arg}"
 
@@ -138,4 +146,6 @@ def test_the_document_names_every_module():
         name = module.split(".")
         if name[-1].startswith("_") or len(name) == 1:
             continue
-        assert f"`{name[-1]}" in text or f"`{name[1]}/`" in text and len(name) == 2, f"docs/architecture.md lacks {module}"
+        assert f"`{name[-1]}" in text or (f"`{name[1]}/`" in text and len(name) == 2), (
+            f"docs/architecture.md lacks {module}"
+        )

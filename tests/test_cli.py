@@ -38,10 +38,16 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("verb", "scene", "override", "named"), [
-    # straight filaments are known only once they are built, so a plan of dihedrals can be made
-    (verb, *bad) for bad in BAD for verb in ("run", "build", "plan") if not (verb == "plan" and "dihedral" in bad[1])
-])
+@pytest.mark.parametrize(
+    ("verb", "scene", "override", "named"),
+    [
+        # straight filaments are known only once they are built, so a plan of dihedrals can be made
+        (verb, *bad)
+        for bad in BAD
+        for verb in ("run", "build", "plan")
+        if not (verb == "plan" and "dihedral" in bad[1])
+    ],
+)
 def test_a_bad_scene_is_one_line_exit_2_and_nothing_written(call, tmp_path, verb, scene, override, named):
     out = [] if verb == "plan" else ["--out", "results/x"]
     done = call(verb, scene, *out, "--set", override)
@@ -52,23 +58,35 @@ def test_a_bad_scene_is_one_line_exit_2_and_nothing_written(call, tmp_path, verb
     assert list(tmp_path.rglob("*")) == []
 
 
-@pytest.mark.parametrize("arguments", [["squeeze"], ["run"], ["run", "carbon-7", "--rank", "2"], ["plan", "carbon-7", "x"],
-                                       ["run", "carbon-7", "--ranks", "two"], ["build", "carbon-7"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["squeeze"],
+        ["run"],
+        ["run", "carbon-7", "--rank", "2"],
+        ["plan", "carbon-7", "x"],
+        ["run", "carbon-7", "--ranks", "two"],
+        ["build", "carbon-7"],
+    ],
+)
 def test_a_wrong_word_is_exit_2(call, arguments, tmp_path):
     done = call(*arguments)
     assert done.exit_code == 2 and "Traceback" not in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("arguments", "named"), [
-    (["run", "carbon-7", "--ranks", "0"], "--ranks"),
-    (["run", "carbon-7", "--engine", "/nowhere/lmp"], "--engine"),
-    (["run", "carbon-7", "--resume", "--out", "x"], "--resume"),
-    (["measure", "x"], "DIR"),
-    (["scenes", "carbon-8"], "carbon-8"),
-    (["run", "carbon-7", "--level", "capsule"], "model.level"),
-    (["doctor", "--engine", "/nowhere/lmp"], "--engine"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["run", "carbon-7", "--ranks", "0"], "--ranks"),
+        (["run", "carbon-7", "--engine", "/nowhere/lmp"], "--engine"),
+        (["run", "carbon-7", "--resume", "--out", "x"], "--resume"),
+        (["measure", "x"], "DIR"),
+        (["scenes", "carbon-8"], "carbon-8"),
+        (["run", "carbon-7", "--level", "capsule"], "model.level"),
+        (["doctor", "--engine", "/nowhere/lmp"], "--engine"),
+    ],
+)
 def test_a_wrong_option_is_one_line_exit_2_and_nothing_written(call, arguments, named, tmp_path):
     done = call(*arguments)
     if arguments[0] == "doctor":
@@ -143,8 +161,10 @@ def installed(tmp_path_factory):
     subprocess.run([sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", folder, ROOT], **quiet)
     [wheel] = folder.glob("*.whl")
     target = folder / "site"
-    subprocess.run([sys.executable, "-m", "pip", "install", "--no-deps", "--no-index", "--quiet", "--target", target, wheel],
-                   **quiet)
+    subprocess.run(
+        [sys.executable, "-m", "pip", "install", "--no-deps", "--no-index", "--quiet", "--target", target, wheel],
+        **quiet,
+    )
     return target
 
 
@@ -152,8 +172,15 @@ def test_the_wheel_works_outside_the_checkout(installed, tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(installed)}
 
     def call(*arguments):
-        done = subprocess.run([sys.executable, *arguments], cwd=tmp_path, env=environment, capture_output=True, text=True,
-                              timeout=60, check=False)
+        done = subprocess.run(
+            [sys.executable, *arguments],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
         assert done.returncode == 0, done.stderr
         return done.stdout
 
@@ -170,6 +197,12 @@ def test_the_wheel_works_outside_the_checkout(installed, tmp_path):
 
 
 def test_this_checkout_is_what_the_tests_test():
-    where = subprocess.run([sys.executable, "-c", "import cgfibre; print(cgfibre.__file__)"], env=cgfibre_environment(),
-                           cwd="/", capture_output=True, text=True, check=True).stdout.strip()
+    where = subprocess.run(
+        [sys.executable, "-c", "import cgfibre; print(cgfibre.__file__)"],
+        env=cgfibre_environment(),
+        cwd="/",
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.strip()
     assert where == str(ROOT / "cgfibre" / "__init__.py")

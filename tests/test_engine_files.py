@@ -46,7 +46,9 @@ def data_of(system, **changes):
         "box": np.array([[-1 / 3, 2 / 3], [-1e-7, np.pi], [-1e3, 1e3]]),
         "pair_style": "granular",
         "pair_rows": [(0, 1, "hooke 1 2")],
-        "topologies": [Topology("Bond", system.bonds(), np.zeros(len(system.bonds()), dtype=int), [(1 / 3, 7.0)], "harmonic")],
+        "topologies": [
+            Topology("Bond", system.bonds(), np.zeros(len(system.bonds()), dtype=int), [(1 / 3, 7.0)], "harmonic")
+        ],
     }
     return DataFile(**(values | changes))
 
@@ -96,8 +98,12 @@ def test_mdanalysis_reads_the_data_file_of_a_scene(tiny, tmp_path):
     scene, plan = workflow.plan_scene(tiny)
     system = build_system(scene, plan)
     write_data(tmp_path / "system.data", assemble(system, plan).data)
-    u = mda.Universe(str(tmp_path / "system.data"), topology_format="DATA", format="DATA",
-                     atom_style="id type x y z diameter density resid")
+    u = mda.Universe(
+        str(tmp_path / "system.data"),
+        topology_format="DATA",
+        format="DATA",
+        atom_style="id type x y z diameter density resid",
+    )
     assert u.atoms.positions == pytest.approx(system.positions, rel=1e-6, abs=1e-5)
     assert np.array_equal(u.bonds.indices, system.bonds())
     assert np.array_equal(u.angles.indices, system.angles())
@@ -105,7 +111,7 @@ def test_mdanalysis_reads_the_data_file_of_a_scene(tiny, tmp_path):
 
 
 def test_a_rod_starts_where_the_scene_says(tiny, tmp_path):
-    """Natural positions plus Start are the beads as built; the natural shape is shorter by the strain of the end load."""
+    """Natural positions plus Start are the beads as built; natural is shorter by the end load's strain."""
     scene, plan = workflow.plan_scene(tiny, ["model.level=rod"])
     system = build_system(scene, plan)
     write_data(tmp_path / "d", assemble(system, plan).data)
@@ -226,7 +232,9 @@ def test_a_record_cut_short_keeps_its_whole_rows(tmp_path):
 
 def test_of_repeated_rows_the_last_one_counts(tmp_path):
     """A resumed run computes rows again that the killed one had written."""
-    (tmp_path / "record.txt").write_text(record_lines([10, 20, 30], 1.0) + "# again\n" + record_lines([20, 30, 40], 2.0))
+    (tmp_path / "record.txt").write_text(
+        record_lines([10, 20, 30], 1.0) + "# again\n" + record_lines([20, 30, 40], 2.0)
+    )
     (tmp_path / "extremes.txt").write_text(extreme_lines([0, 10, 20, 30, 40]))
     raw = dump.read_record(tmp_path)
     assert raw.step.tolist() == [10, 20, 30, 40]
@@ -259,8 +267,10 @@ def test_the_last_row_is_whole_even_in_a_long_file(tmp_path):
 
 def frame(step, n=3, value=None):
     rows = "".join(f"{i + 1} 1 1 {value if value is not None else step} {i} 0 3.5\n" for i in range(n))
-    return (f"ITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n{n}\nITEM: BOX BOUNDS ff ff ff\n0 1\n0 1\n0 1\n"
-            f"ITEM: ATOMS id mol type xu yu zu radius\n{rows}")
+    return (
+        f"ITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n{n}\nITEM: BOX BOUNDS ff ff ff\n0 1\n0 1\n0 1\n"
+        f"ITEM: ATOMS id mol type xu yu zu radius\n{rows}"
+    )
 
 
 def test_frames_cut_short_are_left_out_wherever_the_cut_is(tmp_path):
@@ -317,7 +327,7 @@ def test_only_complete_states_with_their_checkpoint_count_newest_first(tmp_path)
 
 def test_the_displacement_of_a_frame_is_the_decks_own(finished):
     """displacement_at repeats motion.inc in Python: both must agree wherever the engine printed it."""
-    scene, plan = workflow.plan_scene(finished.out / "scene.toml")
+    _, plan = workflow.plan_scene(finished.out / "scene.toml")
     raw = dump.read_record(finished.out / "deck")
     assert raw.mean["displacement"].max() > 3.5
     stop = collect.stop_step_of(raw, plan)

@@ -22,14 +22,22 @@ def results(system=None, n_frames=4, n_samples=6):
     rng = np.random.default_rng(5)
     system = system or straight(hexagonal(1), n=5)
     steps = np.arange(n_frames) * 700
-    curve = Curve({name: rng.normal(size=n_samples) for name in CURVE_COLUMNS}, np.array([0, 0, 0, 1, 2, 2]),
-                  rng.uniform(20, 30, n_samples))
+    curve = Curve(
+        {name: rng.normal(size=n_samples) for name in CURVE_COLUMNS},
+        np.array([0, 0, 0, 1, 2, 2]),
+        rng.uniform(20, 30, n_samples),
+    )
     curve.columns["step"] = np.arange(n_samples) * 10.0
     frames = Frames(steps, rng.uniform(0, 9, n_frames), rng.normal(0, 300, (n_frames, system.n_beads, 3)))
     return store.Results(
-        system=system, curve=curve, frames=frames, timestep=7.3e-4,
+        system=system,
+        curve=curve,
+        frames=frames,
+        timestep=7.3e-4,
         distribution={"sd": (rng.normal(size=(n_frames, 2)), "1"), "width": (rng.normal(size=n_frames), "um")},
-        scene='name = "ü µm"\n', plan='{"level": "chain"}', summary={"trusted": True, "speed_error": None, "warnings": ["ä"]},
+        scene='name = "ü µm"\n',
+        plan='{"level": "chain"}',
+        summary={"trusted": True, "speed_error": None, "warnings": ["ä"]},
     )
 
 
@@ -53,8 +61,15 @@ def assert_same(a, b):
 
 def test_everything_comes_back(tmp_path):
     r = results()
-    r = replace(r, system=replace(r.system, tow=np.array([0, 0, 0, 1, 1, 2, 2]), prestrain=np.linspace(0, 1e-3, 7),
-                                  provenance={"builder": "bundle", "seed": 3, "spec": {"pitch": 8.0}}))
+    r = replace(
+        r,
+        system=replace(
+            r.system,
+            tow=np.array([0, 0, 0, 1, 1, 2, 2]),
+            prestrain=np.linspace(0, 1e-3, 7),
+            provenance={"builder": "bundle", "seed": 3, "spec": {"pitch": 8.0}},
+        ),
+    )
     store.write_results(tmp_path / "r.h5", r)
     assert_same(store.read_results(tmp_path / "r.h5"), r)
 
@@ -66,7 +81,9 @@ def test_a_periodic_system_and_one_without_frames_come_back(tmp_path):
     periodic = results(system_of(chains, closed=True, box=box, periodic=(True, False, False)))
     store.write_results(tmp_path / "p.h5", periodic)
     assert_same(store.read_results(tmp_path / "p.h5"), periodic)
-    empty = replace(results(), frames=Frames(np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 35, 3))), timestep=0.0)
+    empty = replace(
+        results(), frames=Frames(np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 35, 3))), timestep=0.0
+    )
     store.write_results(tmp_path / "e.h5", empty)
     back = store.read_results(tmp_path / "e.h5")
     assert len(back.frames) == 0 and back.frames.positions.shape == (0, 35, 3)
@@ -94,14 +111,20 @@ def test_every_dataset_states_its_units(tmp_path, where, request):
     with h5py.File(path) as f:
         f.visititems(visit)
     assert without == []
-    assert seen["record/force_top_N"] == "N" and seen["system/positions"] == "um" and seen["system/types/EI"] == "nN um2"
+    assert (
+        seen["record/force_top_N"] == "N" and seen["system/positions"] == "um" and seen["system/types/EI"] == "nN um2"
+    )
     assert len(seen) > 30
 
 
 def test_a_periodic_box_states_its_units_too(tmp_path):
     x = np.arange(10) * 7.0
-    system = system_of([np.stack([x, 0 * x, 0 * x], axis=1)], closed=True, box=[[0, 70], [-9, 9], [-9, 9]],
-                       periodic=(True, False, False))
+    system = system_of(
+        [np.stack([x, 0 * x, 0 * x], axis=1)],
+        closed=True,
+        box=[[0, 70], [-9, 9], [-9, 9]],
+        periodic=(True, False, False),
+    )
     store.write_results(tmp_path / "r.h5", results(system))
     with h5py.File(tmp_path / "r.h5") as f:
         bare = []
@@ -132,16 +155,25 @@ def test_the_file_is_a_plain_h5md_trajectory(finished):
 
     frames = store.read_results(finished.out / "results.h5").frames
     data = str(finished.out / "deck" / "system.data")
-    u = mda.Universe(data, str(finished.out / "results.h5"), topology_format="DATA", format="H5MD",
-                     atom_style="id type x y z diameter density resid")
+    u = mda.Universe(
+        data,
+        str(finished.out / "results.h5"),
+        topology_format="DATA",
+        format="H5MD",
+        atom_style="id type x y z diameter density resid",
+    )
     assert len(u.trajectory) == len(frames)
     assert u.trajectory[-1].positions == pytest.approx(frames.positions[-1] * ANGSTROM, rel=3e-7, abs=0.02)
 
 
 def test_mdanalysis_opens_a_periodic_run(tmp_path):
     x = np.arange(10) * 7.0
-    system = system_of([np.stack([x, 0 * x, 0 * x], axis=1)], closed=True, box=[[0, 70], [-9, 9], [-9, 9]],
-                       periodic=(True, False, False))
+    system = system_of(
+        [np.stack([x, 0 * x, 0 * x], axis=1)],
+        closed=True,
+        box=[[0, 70], [-9, 9], [-9, 9]],
+        periodic=(True, False, False),
+    )
     r = results(system)
     store.write_results(tmp_path / "r.h5", r)
     u = store.open_universe(tmp_path / "r.h5")
@@ -258,16 +290,28 @@ def test_the_csv_holds_the_columns_of_the_interface_to_ten_digits(tmp_path):
     store.write_curve(tmp_path / "c.csv", r.curve)
     with (tmp_path / "c.csv").open(newline="") as f:
         rows = list(csv.reader(f))
-    assert ",".join(rows[0]) == ("step,time_us,displacement_um,thickness_um,force_top_N,force_bottom_N,pressure_MPa,"
-                                 "fibre_volume_fraction,kinetic_J,stored_J,work_J")
+    assert ",".join(rows[0]) == (
+        "step,time_us,displacement_um,thickness_um,force_top_N,force_bottom_N,pressure_MPa,"
+        "fibre_volume_fraction,kinetic_J,stored_J,work_J"
+    )
     for k, name in enumerate(rows[0]):
         assert [float(row[k]) for row in rows[1:]] == pytest.approx(r.curve[name], rel=1e-9, abs=0)
     assert [row[0] for row in rows[1:]] == ["0", "10", "20", "30", "40", "50"]
 
 
 def test_json_knows_no_numpy_and_no_nan(tmp_path):
-    values = {"a": np.float64(0.1), "b": np.arange(3), "c": [math.nan, np.inf, -1.5], "d": {"e": np.bool_(True), 1: None},
-              "f": (np.int64(3), "x")}
+    values = {
+        "a": np.float64(0.1),
+        "b": np.arange(3),
+        "c": [math.nan, np.inf, -1.5],
+        "d": {"e": np.bool_(True), 1: None},
+        "f": (np.int64(3), "x"),
+    }
     store.write_json(tmp_path / "j", values)
     assert json.loads((tmp_path / "j").read_text()) == {
-        "a": 0.1, "b": [0, 1, 2], "c": [None, None, -1.5], "d": {"e": True, "1": None}, "f": [3, "x"]}
+        "a": 0.1,
+        "b": [0, 1, 2],
+        "c": [None, None, -1.5],
+        "d": {"e": True, "1": None},
+        "f": [3, "x"],
+    }

@@ -6,7 +6,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -22,10 +21,27 @@ from cgfibre.plan.make import make_plan
 from cgfibre.plan.system import build_system
 from cgfibre.scene import load_scene
 
-COLUMNS = ("step,time_us,displacement_um,thickness_um,force_top_N,force_bottom_N,pressure_MPa,"
-           "fibre_volume_fraction,kinetic_J,stored_J,work_J")
-SUMMARY = {"scene", "level", "n_filaments", "n_beads", "n_steps", "timestep_us", "platen_speed_m_per_s", "wall_s", "engine_s",
-           "engine_version", "peak_force_N", "final_thickness_um", "energy_ratio", "speed_error", "warnings"}
+COLUMNS = (
+    "step,time_us,displacement_um,thickness_um,force_top_N,force_bottom_N,pressure_MPa,"
+    "fibre_volume_fraction,kinetic_J,stored_J,work_J"
+)
+SUMMARY = {
+    "scene",
+    "level",
+    "n_filaments",
+    "n_beads",
+    "n_steps",
+    "timestep_us",
+    "platen_speed_m_per_s",
+    "wall_s",
+    "engine_s",
+    "engine_version",
+    "peak_force_N",
+    "final_thickness_um",
+    "energy_ratio",
+    "speed_error",
+    "warnings",
+}
 
 
 def same_curve(a, b, **tolerance):
@@ -69,8 +85,12 @@ def test_the_numbers_hang_together(finished):
     assert c["pressure_MPa"] == pytest.approx(c["force_top_N"] / (70 * c.width_um) * 1e6, rel=1e-9)
     area = 7 * np.pi * 3.5**2
     assert c["fibre_volume_fraction"] == pytest.approx(area / (c.width_um * c["thickness_um"]), rel=1e-9)
-    work = np.concatenate([[0], np.cumsum((c["force_top_N"][1:] + c["force_top_N"][:-1]) / 2
-                                          * np.diff(c["displacement_um"]))]) * 1e-6
+    work = (
+        np.concatenate(
+            [[0], np.cumsum((c["force_top_N"][1:] + c["force_top_N"][:-1]) / 2 * np.diff(c["displacement_um"]))]
+        )
+        * 1e-6
+    )
     assert c["work_J"] == pytest.approx(work, rel=1e-9, abs=1e-20)
     assert s["peak_force_N"] == c["force_top_N"].max() > 0.01
     assert s["n_steps"] == c["step"][-1] and s["n_filaments"] == 7 and s["speed_error"] is None
@@ -108,8 +128,16 @@ def test_unloading_ends_near_zero_force(finished):
 # --- measuring again ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("gone", [(), ("deck/trajectory.lammpstrj",), ("deck",), ("deck", "summary.json", "plan.json"),
-                                  ("deck", "scene.toml", "summary.json", "curve.csv")])
+@pytest.mark.parametrize(
+    "gone",
+    [
+        (),
+        ("deck/trajectory.lammpstrj",),
+        ("deck",),
+        ("deck", "summary.json", "plan.json"),
+        ("deck", "scene.toml", "summary.json", "curve.csv"),
+    ],
+)
 def test_measuring_again_gives_the_same_numbers(finished, copied, gone, monkeypatch):
     monkeypatch.setattr(workflow, "draw_all", lambda *args, **kwargs: [])
     before = (copied / "curve.csv").read_bytes()
@@ -120,8 +148,20 @@ def test_measuring_again_gives_the_same_numbers(finished, copied, gone, monkeypa
     assert (copied / "curve.csv").read_bytes() == before
     same_curve(again.curve, finished.curve)
     old, new = finished.summary, json.loads((copied / "summary.json").read_text())
-    for key in ("scene", "level", "n_filaments", "n_beads", "n_steps", "timestep_us", "peak_force_N", "final_thickness_um",
-                "energy_ratio", "speed_error", "fits", "trusted"):
+    for key in (
+        "scene",
+        "level",
+        "n_filaments",
+        "n_beads",
+        "n_steps",
+        "timestep_us",
+        "peak_force_N",
+        "final_thickness_um",
+        "energy_ratio",
+        "speed_error",
+        "fits",
+        "trusted",
+    ):
         assert new[key] == store.plain(old[key]), key
     a, b = (store.read_results(p / "results.h5") for p in (finished.out, copied))
     assert a.frames.positions == pytest.approx(b.frames.positions, rel=1e-12, abs=1e-9)
@@ -180,8 +220,9 @@ def test_an_earlier_run_is_not_overwritten_without_force(bench, copied):
 
 
 def test_force_leaves_nothing_of_the_earlier_run(bench, copied):
-    workflow.run_scene(bench.scene, workflow.RunOptions(copied, force=True),
-                       ["platens.stop.displacement=1 um", "model.level=section"])
+    workflow.run_scene(
+        bench.scene, workflow.RunOptions(copied, force=True), ["platens.stop.displacement=1 um", "model.level=section"]
+    )
     for p in [*copied.glob("*"), *(copied / "deck").glob("*")]:
         assert p.name not in ("in.chain", "bundle.png"), "of the earlier run"
 
@@ -200,12 +241,15 @@ def test_a_wrong_scene_leaves_nothing(bench):
 # --- scenes ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("stop", "reached"), [
-    ("force=0.01 N", lambda c: c["force_top_N"][c.loading].max() >= 0.01 > c["force_top_N"][c.loading][:-1].max()),
-    ("pressure=3 MPa", lambda c: c["pressure_MPa"][c.loading].max() >= 3 > c["pressure_MPa"][c.loading][:-1].max()),
-    ("thickness=17.5 um", lambda c: c["thickness_um"].min() == pytest.approx(17.5, abs=0.15)),
-    ("displacement=2 um", lambda c: c["displacement_um"].max() == pytest.approx(2.0, abs=0.15)),
-])
+@pytest.mark.parametrize(
+    ("stop", "reached"),
+    [
+        ("force=0.01 N", lambda c: c["force_top_N"][c.loading].max() >= 0.01 > c["force_top_N"][c.loading][:-1].max()),
+        ("pressure=3 MPa", lambda c: c["pressure_MPa"][c.loading].max() >= 3 > c["pressure_MPa"][c.loading][:-1].max()),
+        ("thickness=17.5 um", lambda c: c["thickness_um"].min() == pytest.approx(17.5, abs=0.15)),
+        ("displacement=2 um", lambda c: c["displacement_um"].max() == pytest.approx(2.0, abs=0.15)),
+    ],
+)
 def test_loading_stops_where_asked_and_unloads(tiny, bench, stop, reached):
     text = tiny.read_text().replace('displacement = "4 um"', "")
     name, value = stop.split("=")
@@ -238,11 +282,15 @@ def half_balanced(r):
     return c
 
 
-@pytest.mark.parametrize("overrides", [
-    ("platens.curvature=convex",),
-    ("platens.curvature=concave",),
-    ("platens.crimp_side=top",),
-], ids=["convex", "concave", "top only"])
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ("platens.curvature=convex",),
+        ("platens.curvature=concave",),
+        ("platens.crimp_side=top",),
+    ],
+    ids=["convex", "concave", "top only"],
+)
 def test_crimped_platens(bench, overrides):
     crimped = bench.run("crimped", *CHEAP, "platens.shape=crimped", "platens.crimp_angle=4.4 deg", *overrides)
     c = half_balanced(crimped)
@@ -269,8 +317,15 @@ def test_clamped_ends_are_stiffer_than_pinned_ones(bench):
 
 def test_symmetry_ends_balance_top_and_bottom(bench):
     """Nothing but the platens holds a periodic cell, so they carry the same force."""
-    r = bench.run("cell", "ends.support=symmetry", "platens.width=full", "assembly.length=42 um", "platens.speed=0.3 m/s",
-                  "platens.stop.displacement=9 um", "platens.unload=false")
+    r = bench.run(
+        "cell",
+        "ends.support=symmetry",
+        "platens.width=full",
+        "assembly.length=42 um",
+        "platens.speed=0.3 m/s",
+        "platens.stop.displacement=9 um",
+        "platens.unload=false",
+    )
     guard = next(g for g in r.review.guards if g.name == "top against bottom force")
     assert guard.ok and 0 < guard.value < 0.05
     c = r.curve
@@ -287,8 +342,9 @@ def test_levels_agree_while_bending_carries_the_load(bench, finished):
         late = d > 1.2
         chain = np.interp(d[late], c["displacement_um"][c.loading], c["force_top_N"][c.loading])
         assert other.curve["force_top_N"][other.curve.loading][late] == pytest.approx(chain, rel=tolerance)
-    assert section.summary["n_beads"] == 7 and np.all(store.read_results(
-        section.out / "results.h5").frames.positions[..., 0] == 0)
+    assert section.summary["n_beads"] == 7 and np.all(
+        store.read_results(section.out / "results.h5").frames.positions[..., 0] == 0
+    )
 
 
 def test_the_speed_check_says_how_much_half_the_speed_changes(bench):
@@ -300,8 +356,13 @@ def test_the_speed_check_says_how_much_half_the_speed_changes(bench):
 
 
 def test_condensed_and_graded_far_fields_agree(bench):
-    far = ("assembly.length=2 mm", "platens.stop.displacement=2 um", "platens.unload=false", "output.samples=20",
-           "platens.speed=0.5 m/s")
+    far = (
+        "assembly.length=2 mm",
+        "platens.stop.displacement=2 um",
+        "platens.unload=false",
+        "output.samples=20",
+        "platens.speed=0.5 m/s",
+    )
     condensed = bench.run("condensed", *far, "model.far_field=condensed")
     graded = bench.run("graded", *far, "model.far_field=graded")
     assert condensed.summary["n_beads"] < graded.summary["n_beads"] < 7 * 2000 / 7
@@ -309,21 +370,37 @@ def test_condensed_and_graded_far_fields_agree(bench):
     assert a.max() > 0 and np.isfinite(a).all() and np.isfinite(b).all()
     # at this speed inertia, not the far field, makes most of the force; the agreement is measured in the validation
     assert np.trapezoid(a, condensed.curve["displacement_um"]) == pytest.approx(
-        np.trapezoid(b, graded.curve["displacement_um"]), rel=0.3)
+        np.trapezoid(b, graded.curve["displacement_um"]), rel=0.3
+    )
 
 
 def test_a_graded_rod_runs(bench):
-    r = bench.run("rod", "assembly.length=1 mm", "model.level=rod", "model.far_field=graded", "platens.unload=false",
-                  "platens.stop.displacement=0.3 um", "output.samples=10")
+    r = bench.run(
+        "rod",
+        "assembly.length=1 mm",
+        "model.level=rod",
+        "model.far_field=graded",
+        "platens.unload=false",
+        "platens.stop.displacement=0.3 um",
+        "output.samples=10",
+    )
     assert r.summary["level"] == "rod" and np.isfinite(r.curve["force_top_N"]).all()
 
 
-@pytest.mark.parametrize("overrides", [
-    ["assembly.arrangement=random", "assembly.fibre_volume_fraction=0.5", "assembly.count=20"],
-    ['assembly.migration={period="800 um", minimum_radius=0.1}', "assembly.length=0.4 mm", "assembly.void_fraction=0.6"],
-    ["assembly.twist=5 turn/cm", "assembly.void_fraction=0.5"],
-    ["assembly.arrangement=rectangular", "assembly.count=12", "assembly.aspect=2.0"],
-], ids=["random", "migrating", "twisted", "rectangular"])
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ["assembly.arrangement=random", "assembly.fibre_volume_fraction=0.5", "assembly.count=20"],
+        [
+            'assembly.migration={period="800 um", minimum_radius=0.1}',
+            "assembly.length=0.4 mm",
+            "assembly.void_fraction=0.6",
+        ],
+        ["assembly.twist=5 turn/cm", "assembly.void_fraction=0.5"],
+        ["assembly.arrangement=rectangular", "assembly.count=12", "assembly.aspect=2.0"],
+    ],
+    ids=["random", "migrating", "twisted", "rectangular"],
+)
 def test_other_assemblies_build_decks(tiny, tmp_path, overrides):
     folder = workflow.build_scene(tiny, tmp_path / "out", overrides)
     scene = load_scene(tmp_path / "out" / "scene.toml")
@@ -332,7 +409,9 @@ def test_other_assemblies_build_decks(tiny, tmp_path, overrides):
     assert f"{len(system.bonds())} bonds" in (folder / "system.data").read_text() or plan.level == "rod"
     assert plan.n_beads == system.n_beads
     run = find_engine()
-    (folder / "in.short").write_text(next(folder.glob("in.*")).read_text().replace("include         phases.inc", "run 20"))
+    (folder / "in.short").write_text(
+        next(folder.glob("in.*")).read_text().replace("include         phases.inc", "run 20")
+    )
     run_deck(run, folder, "in.short")
 
 
@@ -343,7 +422,9 @@ def test_a_deck_run_by_hand_gives_the_same_record(tiny, tmp_path, finished):
     folder = workflow.build_scene(tiny, tmp_path / "out", ["output.dump=true"])
     engine = find_engine()
     environment = {k: v for k, v in engine.environment.items() if not k.startswith("PYTHON")}
-    subprocess.run([engine.executable, "-in", "in.chain", "-screen", "none"], cwd=folder, env=environment, check=True, timeout=60)
+    subprocess.run(
+        [engine.executable, "-in", "in.chain", "-screen", "none"], cwd=folder, env=environment, check=True, timeout=60
+    )
     for name in ("record.txt", "extremes.txt", "trajectory.lammpstrj"):
         assert (folder / name).read_bytes() == (finished.out / "deck" / name).read_bytes(), name
 
@@ -351,8 +432,14 @@ def test_a_deck_run_by_hand_gives_the_same_record(tiny, tmp_path, finished):
 def test_a_deck_runs_by_hand_on_two_ranks_and_is_measured(bench, tiny, tmp_path):
     folder = workflow.build_scene(tiny, tmp_path / "out", SHORT)
     engine = find_engine()
-    subprocess.run([*engine.launcher, "-n", "2", engine.executable, "-in", "in.chain", "-screen", "none"], cwd=folder,
-                   env=dict(engine.environment), check=True, timeout=60, stdin=subprocess.DEVNULL)
+    subprocess.run(
+        [*engine.launcher, "-n", "2", engine.executable, "-in", "in.chain", "-screen", "none"],
+        cwd=folder,
+        env=dict(engine.environment),
+        check=True,
+        timeout=60,
+        stdin=subprocess.DEVNULL,
+    )
     r = workflow.measure_folder(tmp_path / "out")
     close_to(r.curve, bench.run("one", *SHORT).curve)
 
@@ -360,8 +447,10 @@ def test_a_deck_runs_by_hand_on_two_ranks_and_is_measured(bench, tiny, tmp_path)
 def wrapper(path, before="", after=""):
     """A script that runs the wheel's engine, as a user's own build would look to cgfibre."""
     engine = find_engine()
-    path.write_text(f"#!/bin/sh\nexport LD_LIBRARY_PATH={engine.environment['LD_LIBRARY_PATH']}\n{before}\n"
-                    f"{'' if after else 'exec '}{engine.executable} \"$@\"\n{after}\n")
+    path.write_text(
+        f"#!/bin/sh\nexport LD_LIBRARY_PATH={engine.environment['LD_LIBRARY_PATH']}\n{before}\n"
+        f'{"" if after else "exec "}{engine.executable} "$@"\n{after}\n'
+    )
     path.chmod(0o755)
     return path
 
@@ -380,8 +469,13 @@ def test_another_engine_runs_the_same_deck(bench, finished, monkeypatch):
 
 
 def start(scene, out, *arguments, text=None):
-    return subprocess.Popen(cgfibre_command("run", scene, "--out", out, "--quiet", *arguments), env=cgfibre_environment(),
-                            stdout=subprocess.DEVNULL, stderr=text or subprocess.DEVNULL, start_new_session=True)
+    return subprocess.Popen(
+        cgfibre_command("run", scene, "--out", out, "--quiet", *arguments),
+        env=cgfibre_environment(),
+        stdout=subprocess.DEVNULL,
+        stderr=text or subprocess.DEVNULL,
+        start_new_session=True,
+    )
 
 
 def wait_for(what, process, seconds=30.0):
@@ -411,7 +505,7 @@ def rows_written(out):
 
 @pytest.mark.parametrize("level", ["chain", "rod", "section"])
 def test_a_killed_run_goes_on_to_the_same_curve(bench, level):
-    """SIGKILL of the process group at several moments, with --resume in between; one rank: the same bytes in the end."""
+    """SIGKILL of the process group at several moments, with --resume in between: the same bytes on one rank."""
     unbroken = bench.run("unbroken", f"model.level={level}")
     rng = np.random.default_rng({"chain": 1, "rod": 2, "section": 3}[level])
     out = bench.folder / "killed"
@@ -436,7 +530,7 @@ def test_a_killed_run_goes_on_to_the_same_curve(bench, level):
 
 @pytest.mark.parametrize("level", ["chain", "rod", "section"])
 def test_stopped_at_any_checkpoint_the_engine_goes_on_bit_by_bit(bench, level):
-    """The engine quits right after a checkpoint, a third of the way; by hand it would be resumed with the same words."""
+    """The engine quits right after a checkpoint, a third of the way; resumed as one would by hand."""
     overrides = [f"model.level={level}", "platens.stop.displacement=3 um", "output.samples=20"]
     unbroken = bench.run("unbroken", *overrides)
     out = bench.folder / "quit"
@@ -479,7 +573,7 @@ def test_killed_while_the_deck_was_written(bench, finished, left):
         (out / name).parent.mkdir(exist_ok=True)
         shutil.copyfile(whole / name, out / name)
     if not left:
-        with pytest.raises(InputError, match="scene.toml"):
+        with pytest.raises(InputError, match=r"scene\.toml"):
             workflow.run_scene(bench.scene, workflow.RunOptions(out, resume=True))
         return
     resumed = workflow.run_scene(bench.scene, workflow.RunOptions(out, resume=True))
@@ -560,7 +654,8 @@ def test_an_unstable_run_says_why_and_what_to_do(tiny, tmp_path):
 
 
 def test_an_engine_that_dies_half_way_leaves_its_results_readable(bench, cgfibre):
-    kills = 'case "$*" in *-in*) while [ "$(cat record.txt 2>/dev/null | wc -l)" -lt 18 ]; do sleep 0.01; done; kill -9 $PID;; esac'
+    enough = 'while [ "$(cat record.txt 2>/dev/null | wc -l)" -lt 18 ]; do sleep 0.01; done'
+    kills = f'case "$*" in *-in*) {enough}; kill -9 $PID;; esac'
     lmp = wrapper(bench.folder / "lmp")
     text = lmp.read_text().replace("exec ", "").replace('"$@"', '"$@" & PID=$!') + kills + "\nwait $PID\nexit $?\n"
     lmp.write_text(text)
@@ -591,12 +686,23 @@ def test_a_full_disk_is_exit_3_and_what_was_computed_is_kept(bench, finished, si
     disk, out = bench.folder / "disk", bench.folder / "out"
     disk.mkdir()
     mount = ["unshare", "-rm", "sh", "-c"]
-    if subprocess.run([*mount, f"mount -t tmpfs -o size={size} tmpfs {disk}"], capture_output=True, check=False).returncode:
+    if subprocess.run(
+        [*mount, f"mount -t tmpfs -o size={size} tmpfs {disk}"], capture_output=True, check=False
+    ).returncode:
         pytest.skip("no right to mount a small disk here")
     command = " ".join(cgfibre_command("run", bench.scene, "--out", disk / "r", "--quiet"))
-    done = subprocess.run([*mount, f"mount -t tmpfs -o size={size} tmpfs {disk} || exit 99; {command}; code=$?; "
-                           f"cp -r {disk}/r {out}; exit $code"],
-                          env=cgfibre_environment(), capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        [
+            *mount,
+            f"mount -t tmpfs -o size={size} tmpfs {disk} || exit 99; {command}; code=$?; "
+            f"cp -r {disk}/r {out}; exit $code",
+        ],
+        env=cgfibre_environment(),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
     assert done.returncode == 3, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     assert "the disk is full" in done.stderr and "remedy: free space" in done.stderr
@@ -616,8 +722,17 @@ def failed(summary):
 
 def test_a_run_not_to_be_trusted_is_marked_and_exits_4(bench, cgfibre):
     out = bench.folder / "bad"
-    done = cgfibre("run", bench.scene, "--out", out, "--quiet", "--set", "platens.speed=100 m/s",
-                   "--set", "platens.stop.displacement=10 um")
+    done = cgfibre(
+        "run",
+        bench.scene,
+        "--out",
+        out,
+        "--quiet",
+        "--set",
+        "platens.speed=100 m/s",
+        "--set",
+        "platens.stop.displacement=10 um",
+    )
     assert done.returncode == 4, done.stdout + done.stderr
     summary = json.loads((out / "summary.json").read_text())
     assert "quasi-static" in failed(summary) and summary["trusted"] is False
