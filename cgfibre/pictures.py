@@ -17,8 +17,15 @@ from cgfibre.review import contacts_under_platen, mid_plane
 from cgfibre.scene import Scene
 
 #: every picture that a run may leave, in the order in which to look at them
-PICTURES = ("curve.png", "pressure.png", "sections.png", "sections_middle.png", "bundle.png", "energy.png",
-            "distribution.png")
+PICTURES = (
+    "curve.png",
+    "pressure.png",
+    "sections.png",
+    "sections_middle.png",
+    "bundle.png",
+    "energy.png",
+    "distribution.png",
+)
 
 
 def frames_to_show(frames: Frames) -> list[tuple[int, str]]:
@@ -35,7 +42,7 @@ def frames_to_show(frames: Frames) -> list[tuple[int, str]]:
 def draw_all(
     out: Path, scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames, summary: dict[str, Any]
 ) -> list[Path]:
-    """Write the pictures that fit the run (curve, pressure, energy, sections, distribution, bundle); returns their paths."""
+    """Write the pictures that fit the run (curve, pressure, energy, sections, distribution, bundle); their paths."""
     made = [_curve(out, scene, curve, summary), _pressure(out, scene, curve, summary), _energy(out, curve)]
     if len(frames) < 2 or not np.all(np.isfinite(frames.positions)):
         return made
@@ -44,8 +51,11 @@ def draw_all(
     heights = platen_heights(system, plan)
     edge = plan.platens.top_span
     # between the edges of a finite anvil the filaments sag away from it: both places are worth seeing
-    planes = [(x, "", "sections.png")] if edge is None else [
-        (edge[0], "at the anvil's edge", "sections.png"), (x, "at mid-span", "sections_middle.png")]
+    planes = (
+        [(x, "", "sections.png")]
+        if edge is None
+        else [(edge[0], "at the anvil's edge", "sections.png"), (x, "at mid-span", "sections_middle.png")]
+    )
     for plane, where, name in planes:
         made.append(_save(_sections(plan, system, frames, shown, plane, where, heights), out / name))
     peak = shown[2][0]
@@ -53,16 +63,26 @@ def draw_all(
         before = distribution.section_at(system, frames.positions[0], x)
         reference = distribution.normalisation(before, d)
         after = distribution.section_at(system, frames.positions[peak], x)
-        made.append(_save(plot.figure_distribution(
-            distribution.fit_distribution(before, reference), distribution.fit_distribution(after, reference)),
-            out / "distribution.png"))
+        made.append(
+            _save(
+                plot.figure_distribution(
+                    distribution.fit_distribution(before, reference), distribution.fit_distribution(after, reference)
+                ),
+                out / "distribution.png",
+            )
+        )
     if plan.level != "section":
         made.append(_bundle(out, scene, plan, system, frames, peak, heights))
     return made
 
 
 def _sections(
-    plan: Plan, system: FilamentSystem, frames: Frames, shown: list[tuple[int, str]], plane: float, where: str,
+    plan: Plan,
+    system: FilamentSystem,
+    frames: Frames,
+    shown: list[tuple[int, str]],
+    plane: float,
+    where: str,
     heights: tuple[float, float],
 ) -> Any:
     d = float(np.max(system.diameter))
@@ -102,7 +122,9 @@ def _curve(out: Path, scene: Scene, curve: Curve, summary: dict[str, Any]) -> Pa
 
 def _pressure(out: Path, scene: Scene, curve: Curve, summary: dict[str, Any]) -> Path:
     ax = plot.new_axes()
-    plot.plot_curve(ax, curve, plot.CurveView(x="thickness", y="pressure", log=True, speed_error=summary.get("speed_error")))
+    plot.plot_curve(
+        ax, curve, plot.CurveView(x="thickness", y="pressure", log=True, speed_error=summary.get("speed_error"))
+    )
     ax.set_title(_title(scene, summary))
     return _save(ax.figure, out / "pressure.png")
 
@@ -120,13 +142,20 @@ def _bundle(
     lower = plan.platens.bottom_span or (0.0, scene.assembly.length)
     positions = frames.positions[k]
     low, high = positions[:, 1].min(), positions[:, 1].max()
-    faces = () if plan.platens.shape == "crimped" else (
-        plot.PlatenFace(heights[0] - float(frames.displacement_um[k]), True, span, (low, high)),
-        plot.PlatenFace(heights[1], False, lower, (low, high)))
+    faces = (
+        ()
+        if plan.platens.shape == "crimped"
+        else (
+            plot.PlatenFace(heights[0] - float(frames.displacement_um[k]), True, span, (low, high)),
+            plot.PlatenFace(heights[1], False, lower, (low, high)),
+        )
+    )
     force, colours = None, None
     if plan.contact.law == "hooke":
         contacts = contacts_under_platen(plan, system, positions)
         force = contacts.force_per_filament(system.n_filaments) * 1e-6
         colours = plot.Colours.spanning("contact force on a filament (mN)", force)
-    view = plot.BundleView(values=force, colours=colours, platens=faces, title=f"pressed by {frames.displacement_um[k]:.3g} µm")
+    view = plot.BundleView(
+        values=force, colours=colours, platens=faces, title=f"pressed by {frames.displacement_um[k]:.3g} µm"
+    )
     return _save(plot.figure_bundle_3d(system, positions, view), out / "bundle.png")

@@ -21,8 +21,10 @@ def _seconds(t: float) -> str:
 def print_plan(scene: Scene, plan: Plan, brief: bool = False) -> None:
     """The plan as tables; ``brief``: one line."""
     console = Console()
-    line = (f"{scene.name or 'scene'}: {plan.n_filaments} filaments, level {plan.level}, {plan.n_beads} beads, "
-            f"{plan.planned_steps} steps of {plan.timestep:.3g} us, about {_seconds(plan.predicted_seconds)} on one core")
+    line = (
+        f"{scene.name or 'scene'}: {plan.n_filaments} filaments, level {plan.level}, {plan.n_beads} beads, "
+        f"{plan.planned_steps} steps of {plan.timestep:.3g} us, about {_seconds(plan.predicted_seconds)} on one core"
+    )
     console.print(line, highlight=False)
     if brief:
         return
@@ -40,9 +42,16 @@ class RunProgress:
 
     def __init__(self) -> None:
         self._progress = Progress(
-            TextColumn("[bold]{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"),
-            TextColumn("{task.fields[state]}"), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
-            console=Console(stderr=True), refresh_per_second=4)
+            TextColumn("[bold]{task.description}"),
+            BarColumn(),
+            TextColumn("{task.percentage:3.0f} %"),
+            TextColumn("{task.fields[state]}"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=Console(stderr=True),
+            refresh_per_second=4,
+        )
         self._task: TaskID | None = None
 
     def __enter__(self) -> RunProgress:
@@ -55,7 +64,9 @@ class RunProgress:
             self._task = self._progress.add_task("pressing", total=None, state="")
         return self._task
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self._progress.stop()
 
     def update(self, step: int, planned: int, displacement: float, force: float) -> None:
@@ -63,8 +74,9 @@ class RunProgress:
         task = self._begin()
         elapsed = self._progress.tasks[0].elapsed or 0.0
         rate = f"{step / elapsed:.0f} steps/s" if elapsed > 1 else ""
-        self._progress.update(task, completed=step, total=planned,
-                              state=f"{displacement:.2f} um  {force:.3g} N  {rate}")
+        self._progress.update(
+            task, completed=step, total=planned, state=f"{displacement:.2f} um  {force:.3g} N  {rate}"
+        )
 
     def note(self, text: str) -> None:
         """A line above the bar."""
@@ -80,14 +92,22 @@ def print_result(result: RunResult) -> None:
     console.print(
         f"peak force {s['peak_force_N']:.3g} N at {float(result.curve['displacement_um'].max()):.3g} um; "
         f"thickness {s['least_thickness_um']:.4g} um there, {s['final_thickness_um']:.4g} um at the end"
-        + (f"; the bottom platen carried {share:.0%} of the peak" if share is not None else ""), highlight=False)
+        + (f"; the bottom platen carried {share:.0%} of the peak" if share is not None else ""),
+        highlight=False,
+    )
     if s["speed_error"] is not None:
-        console.print(f"error: halving the platen speed changes the force by {s['speed_error']:.1%} on average, "
-                      f"{s['speed_error_worst']:.0%} at worst", highlight=False)
+        console.print(
+            f"error: halving the platen speed changes the force by {s['speed_error']:.1%} on average, "
+            f"{s['speed_error_worst']:.0%} at worst",
+            highlight=False,
+        )
     fit = s["fits"].get("power_law")
     if fit:
-        console.print(f"eps = a p^b with a = {fit['a']:.3g} +- {fit['a_error']:.1g}, b = {fit['b']:.3g} +- {fit['b_error']:.1g} "
-                      "(p in MPa)", highlight=False)
+        console.print(
+            f"eps = a p^b with a = {fit['a']:.3g} +- {fit['a_error']:.1g}, b = {fit['b']:.3g} +- {fit['b_error']:.1g} "
+            "(p in MPa)",
+            highlight=False,
+        )
     for name in PICTURES:
         if (result.out / name).exists():
             console.print(f"picture  {result.out / name}", highlight=False)

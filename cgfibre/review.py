@@ -32,7 +32,7 @@ SLIDE_LIMIT = 0.15
 TURN_LIMIT = 0.5
 #: approach over D at which the line contact's theory ends: b/R = 0.58 at 10 N/mm of carbon, 6 % soft there
 APPROACH_LIMIT = 0.25
-#: filaments of beads at most D apart overlap by 0.29 D on their way through each other (sqrt(1/2) D between the centres)
+#: filaments of beads at most D apart overlap by 0.29 D on their way through each other (sqrt(1/2) D between centres)
 PASSING_OVERLAP = 0.2
 #: surfaces this far apart (over D) count as neighbours in the coordination number
 TOUCHING = 0.02
@@ -87,8 +87,11 @@ def review_run(
     speed: dict[str, float] | None = None,
 ) -> Review:
     """All guards, statistics and fits of a run, finished or cut short; ``speed`` is what :func:`speed_change` found."""
-    shallow = extremes is not None and len(extremes.closest) > 0 and bool(
-        np.max(1 - extremes.closest / float(np.max(system.diameter))) < PASSING_OVERLAP)
+    shallow = (
+        extremes is not None
+        and len(extremes.closest) > 0
+        and bool(np.max(1 - extremes.closest / float(np.max(system.diameter))) < PASSING_OVERLAP)
+    )
     found = list(_guards(plan, system, curve, frames, swaps=not shallow))
     if extremes is not None and len(extremes.closest):
         found += _extreme_guards(plan, system, extremes)
@@ -97,20 +100,36 @@ def review_run(
     if start is None:
         limit = float(plan.motion.quasi_static_force(np.array(np.max(curve["displacement_um"])))) * 1e-9
         peak = float(np.max(curve["force_top_N"], initial=0.0))
-        found.append(Guard("quasi-static", False, peak, limit,
-                           f"quasi-static: the force ({peak:.2g} N) did not rise above {limit:.2g} N, below which inertia is "
-                           "more than the accuracy asked for; press further or slower"))
+        found.append(
+            Guard(
+                "quasi-static",
+                False,
+                peak,
+                limit,
+                f"quasi-static: the force ({peak:.2g} N) did not rise above {limit:.2g} N, below which inertia is "
+                "more than the accuracy asked for; press further or slower",
+            )
+        )
     else:
         energy = guards.quasi_static(curve, start, ENERGY_LIMIT)
         found.append(energy)
         ratio = energy.value
     if speed is not None:
         limit = SPEED_FACTOR * scene.model.accuracy
-        found.append(Guard("platen speed", speed["mean"] <= limit, speed["mean"], limit,
-                           f"halving the platen speed changes the force by {speed['mean']:.1%} on average (limit {limit:.0%}): "
-                           "not quasi-static; lower model.accuracy or platens.speed"))
+        found.append(
+            Guard(
+                "platen speed",
+                speed["mean"] <= limit,
+                speed["mean"],
+                limit,
+                f"halving the platen speed changes the force by {speed['mean']:.1%} on average (limit {limit:.0%}): "
+                "not quasi-static; lower model.accuracy or platens.speed",
+            )
+        )
     force = None if start is None else float(plan.motion.quasi_static_force(np.array(start))) * 1e-9
-    return Review(tuple(found), frame_statistics(scene, plan, system, frames), fit_curve(plan, curve), ratio, start, force)
+    return Review(
+        tuple(found), frame_statistics(scene, plan, system, frames), fit_curve(plan, curve), ratio, start, force
+    )
 
 
 def quasi_static_from(plan: Plan, system: FilamentSystem, curve: Curve) -> float | None:
@@ -136,9 +155,13 @@ def _guards(plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames, sw
         # a platen presses the beads that were built under it, wherever they slide
         pressed = _built_under(plan, system, span)
         gaps = [[platen_gaps(plan, system, float(d))[side]] for d in frames.displacement_um]
-        found.append(guards.beads_past_platen(
-            Frames(frames.step, frames.displacement_um, frames.positions[:, pressed]), gaps,
-            f"beads past the {('top', 'bottom')[side]} platen"))
+        found.append(
+            guards.beads_past_platen(
+                Frames(frames.step, frames.displacement_um, frames.positions[:, pressed]),
+                gaps,
+                f"beads past the {('top', 'bottom')[side]} platen",
+            )
+        )
     found.append(guards.force_balance(curve, applies=plan.beads.support == "periodic"))
     if plan.platens.top_span is not None:
         found.append(_slide_guard(plan, system, frames))
@@ -165,10 +188,15 @@ def _slide_guard(plan: Plan, system: FilamentSystem, frames: Frames) -> Guard:
     edge = np.flatnonzero(pressed)[(np.abs(x - lo) < 1e-3) | (np.abs(x - hi) < 1e-3)]
     slide = float(np.max(np.abs(frames.positions[:, edge, 0] - system.positions[edge, 0]), initial=0.0))
     share = slide / plan.free_span
-    return Guard("sliding under the anvil's edge", share <= SLIDE_LIMIT, share, SLIDE_LIMIT,
-                 f"sliding under the anvil's edge: filaments slid by {slide:.2g} um, {share:.0%} of the free span (limit "
-                 f"{SLIDE_LIMIT:.0%}); the edge moves with them, so bending forces are too low by about three times that; press "
-                 "less deep")
+    return Guard(
+        "sliding under the anvil's edge",
+        share <= SLIDE_LIMIT,
+        share,
+        SLIDE_LIMIT,
+        f"sliding under the anvil's edge: filaments slid by {slide:.2g} um, {share:.0%} of the free span (limit "
+        f"{SLIDE_LIMIT:.0%}); the edge moves with them, so bending forces are too low by about three times that; press "
+        "less deep",
+    )
 
 
 def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> list[Guard]:
@@ -182,14 +210,28 @@ def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> l
             reach = np.maximum(reach, bottom - (extremes.z_lo - d / 2))
         depth = float(np.max(reach)) / d
         if depth > 0.5:
-            found.append(Guard("platen passed", False, depth, 0.5,
-                               f"a filament's axis passed a platen ({depth:.0%} of a diameter deep): the platen has lost it"))
+            found.append(
+                Guard(
+                    "platen passed",
+                    False,
+                    depth,
+                    0.5,
+                    f"a filament's axis passed a platen ({depth:.0%} of a diameter deep): the platen has lost it",
+                )
+            )
         else:
             found.append(_depth_guard("overlap with a platen", depth, plan))
     if plan.level == "section" and plan.springs[1] > 0:
         turn = float(np.max(extremes.turn))
-        found.append(Guard("turn of discs", turn <= TURN_LIMIT, turn, TURN_LIMIT,
-                           f"a disc turned by {turn:.2g} rad (limit {TURN_LIMIT} rad): its torsional spring is too soft there"))
+        found.append(
+            Guard(
+                "turn of discs",
+                turn <= TURN_LIMIT,
+                turn,
+                TURN_LIMIT,
+                f"a disc turned by {turn:.2g} rad (limit {TURN_LIMIT} rad): its torsional spring is too soft there",
+            )
+        )
     return found
 
 
@@ -197,12 +239,22 @@ def _depth_guard(name: str, overlap: float, plan: Plan) -> Guard:
     """Overlap over D: what softening adds to the real approach of the surfaces, and whether that is still Hertz'."""
     artefact = overlap * (1 - 1 / plan.contact.softening)
     if artefact > OVERLAP_LIMIT:
-        return Guard(name, False, artefact, OVERLAP_LIMIT,
-                     f"{name}: softened contacts add {artefact:.1%} of a diameter (limit {OVERLAP_LIMIT:.0%}), which thickness "
-                     "takes up; lower contact.softening")
-    return Guard(name, overlap <= APPROACH_LIMIT, overlap, APPROACH_LIMIT,
-                 f"{name}: surfaces approach by {overlap:.1%} of a diameter (limit {APPROACH_LIMIT:.0%}: the line contact's "
-                 "theory ends there); press less, or raise contact.line_load")
+        return Guard(
+            name,
+            False,
+            artefact,
+            OVERLAP_LIMIT,
+            f"{name}: softened contacts add {artefact:.1%} of a diameter (limit {OVERLAP_LIMIT:.0%}), which thickness "
+            "takes up; lower contact.softening",
+        )
+    return Guard(
+        name,
+        overlap <= APPROACH_LIMIT,
+        overlap,
+        APPROACH_LIMIT,
+        f"{name}: surfaces approach by {overlap:.1%} of a diameter (limit {APPROACH_LIMIT:.0%}: the line contact's "
+        "theory ends there); press less, or raise contact.line_load",
+    )
 
 
 def frame_statistics(
@@ -228,16 +280,28 @@ def frame_statistics(
             local = distribution.local_volume_fraction(centres, d)
             near = distribution.nearest_neighbour_distance(centres)
             row |= {
-                "mean": fit.mean, "sd": fit.sd, "gaussian_r_squared": fit.r_squared, "gaussian_ks": fit.ks_distance,
+                "mean": fit.mean,
+                "sd": fit.sd,
+                "gaussian_r_squared": fit.r_squared,
+                "gaussian_ks": fit.ks_distance,
                 "area_strain": float(distribution.area_strain(area, first_area)),
-                "local_volume_fraction_mean": float(np.mean(local)), "local_volume_fraction_sd": float(np.std(local)),
+                "local_volume_fraction_mean": float(np.mean(local)),
+                "local_volume_fraction_sd": float(np.std(local)),
                 "coordination_mean": float(np.mean(distribution.coordination_number(centres, d, TOUCHING * d))),
-                "nearest_neighbour_mean": float(np.mean(near)), "nearest_neighbour_least": float(np.min(near)),
+                "nearest_neighbour_mean": float(np.mean(near)),
+                "nearest_neighbour_least": float(np.min(near)),
             }
         row |= _contact_row(plan, system, positions)
         rows.append(row)
-    units = {"width": "um", "thickness": "um", "outline_area": "um2", "nearest_neighbour_mean": "um",
-             "nearest_neighbour_least": "um", "contact_force_mean": "nN", "contact_force_largest": "nN"}
+    units = {
+        "width": "um",
+        "thickness": "um",
+        "outline_area": "um2",
+        "nearest_neighbour_mean": "um",
+        "nearest_neighbour_least": "um",
+        "contact_force_mean": "nN",
+        "contact_force_largest": "nN",
+    }
     if not rows:
         return {}
     statistics = {name: (np.array([row[name] for row in rows]), units.get(name, "1")) for name in rows[0]}
@@ -264,8 +328,10 @@ def _contact_row(plan: Plan, system: FilamentSystem, positions: FloatArray) -> d
     contacts = contacts_under_platen(plan, system, positions)
     row: dict[str, Any] = {"contact_count": len(contacts)}
     if plan.contact.law == "hooke":
-        row |= {"contact_force_mean": float(np.mean(contacts.force)) if len(contacts) else 0.0,
-                "contact_force_largest": float(np.max(contacts.force, initial=0.0))}
+        row |= {
+            "contact_force_mean": float(np.mean(contacts.force)) if len(contacts) else 0.0,
+            "contact_force_largest": float(np.max(contacts.force, initial=0.0)),
+        }
     return row
 
 
@@ -281,8 +347,13 @@ def fit_curve(plan: Plan, curve: Curve) -> dict[str, Any]:
         return fits
     last = float(strain[loading][-1])
     fits["power_law"] = {
-        "a": law.a, "b": law.b, "a_error": law.a_error, "b_error": law.b_error, "r_squared": law.r_squared,
-        "window_MPa": list(law.window), "tangent_modulus_MPa_at_stop": float(law.modulus(last)),
+        "a": law.a,
+        "b": law.b,
+        "a_error": law.a_error,
+        "b_error": law.b_error,
+        "r_squared": law.r_squared,
+        "window_MPa": list(law.window),
+        "tangent_modulus_MPa_at_stop": float(law.modulus(last)),
     }
     if np.any(curve.unloading):
         loop = compaction.hysteresis(curve["displacement_um"], curve["force_top_N"], curve.phase)

@@ -235,9 +235,9 @@ class Bundle(_Table):
 
     kind: Literal["bundle"] = "bundle"
     count: Annotated[int, Value(whole=True, least=1, most=10_000_000)]
-    arrangement: Literal[
-        "circular", "hexagonal", "rectangular", "elliptic", "racetrack", "virtual", "random"
-    ] = "circular"
+    arrangement: Literal["circular", "hexagonal", "rectangular", "elliptic", "racetrack", "virtual", "random"] = (
+        "circular"
+    )
     pitch: Annotated[float | None, Value("um", above=0.0, most=1e7)] = None
     void_fraction: Annotated[float | None, Value(least=LEAST_VOID_FRACTION, most=0.95)] = None
     fibre_volume_fraction: Annotated[float | None, Value(least=0.05, most=0.80)] = None

@@ -73,7 +73,11 @@ def write_results(path: Path, results: Results) -> None:
     """Write ``results`` to ``path`` at once: either the whole file is there afterwards or the old one is."""
     with _replacing(path) as part, h5py.File(part, "w") as f:
         f.attrs["cgfibre_schema"] = SCHEMA
-        for name, text in (("scene", results.scene), ("plan", results.plan), ("summary", json.dumps(dict(results.summary)))):
+        for name, text in (
+            ("scene", results.scene),
+            ("plan", results.plan),
+            ("summary", json.dumps(dict(results.summary))),
+        ):
             _put(f, name, text, "text")
         _write_trajectory(f, results)
         _write_system(f.create_group("system"), results.system)
@@ -104,8 +108,17 @@ def _write_trajectory(f: h5py.File, results: Results) -> None:
     _put(position, "step", frames.step, "1")
     _stamp(_put(position, "time", time * NS_PER_US, "ns"))
     chunks = (1, system.n_beads, 3) if n else None
-    _stamp(_put(position, "value", frames.positions.reshape(n, system.n_beads, 3) * NM_PER_UM, "nm",
-                chunks=chunks, compression="lzf" if n else None, shuffle=bool(n)))
+    _stamp(
+        _put(
+            position,
+            "value",
+            frames.positions.reshape(n, system.n_beads, 3) * NM_PER_UM,
+            "nm",
+            chunks=chunks,
+            compression="lzf" if n else None,
+            shuffle=bool(n),
+        )
+    )
     if np.any(system.periodic):
         edges = box.create_group("edges")
         size = np.diag((system.box[:, 1] - system.box[:, 0]) * NM_PER_UM)
@@ -140,15 +153,18 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         with h5py.File(path, "r") as f:
             schema = f.attrs.get("cgfibre_schema")
             if schema != SCHEMA:
-                raise StoreError(f"{path}: schema version {schema}, this version reads {SCHEMA}; run cgfibre measure on "
-                                 "its folder to write it again")
+                raise StoreError(
+                    f"{path}: schema version {schema}, this version reads {SCHEMA}; run cgfibre measure on "
+                    "its folder to write it again"
+                )
             yield f
     except FileNotFoundError as error:
         raise StoreError(f"{path}: no such file") from error
     except (OSError, KeyError, ValueError) as error:
         reason = str(error).splitlines()[0]
-        raise StoreError(f"{path}: not a complete cgfibre results file ({reason}); "
-                         "run cgfibre measure on its folder") from error
+        raise StoreError(
+            f"{path}: not a complete cgfibre results file ({reason}); run cgfibre measure on its folder"
+        ) from error
 
 
 def read_results(path: Path) -> Results:
@@ -184,8 +200,19 @@ def _read_system(group: h5py.Group) -> FilamentSystem:
     columns = {name: types[name][()] for name in TYPE_UNITS}
     count = len(columns["diameter"])
     return FilamentSystem(
-        **{name: group[name][()] for name in ("positions", "filament_start", "closed", "tow", "filament_type", "box",
-                                              "periodic", "prestrain")},
+        **{
+            name: group[name][()]
+            for name in (
+                "positions",
+                "filament_start",
+                "closed",
+                "tow",
+                "filament_type",
+                "box",
+                "periodic",
+                "prestrain",
+            )
+        },
         types=tuple(FilamentType(**{name: float(c[i]) for name, c in columns.items()}) for i in range(count)),
         provenance=json.loads(_text(group, "provenance")),
     )

@@ -9,8 +9,8 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import TracebackType
@@ -100,7 +100,9 @@ def _claim(out: Path, force: bool) -> None:
     """Make ``out`` ready for a new run; refuse to overwrite an earlier one."""
     present = [name for name in (*RUN_FILES, "deck") if (out / name).exists()]
     if present and not force:
-        raise InputError("--out", str(out), f"an empty or new folder (it holds {present[0]}); --force overwrites, --resume goes on")
+        raise InputError(
+            "--out", str(out), f"an empty or new folder (it holds {present[0]}); --force overwrites, --resume goes on"
+        )
     if out.exists() and not out.is_dir():
         raise InputError("--out", str(out), "a folder, not a file")
     for name in (*RUN_FILES, *PICTURES):
@@ -120,7 +122,9 @@ def _write_inputs(out: Path, scene: Scene, plan: Plan) -> None:
 
 def _write_deck(folder: Path, scene: Scene, plan: Plan, system: FilamentSystem) -> Path:
     deck: Deck = assemble(system, plan)
-    about = f"cgfibre deck of the scene {scene.name or 'without a name'}, level {plan.level}. {scene.description}".strip()
+    about = (
+        f"cgfibre deck of the scene {scene.name or 'without a name'}, level {plan.level}. {scene.description}".strip()
+    )
     write_deck(folder, deck.name, deck.parameters, about)
     for name, column in deck.tables.items():
         (folder / name).write_text("".join(f"{x:.17g}\n" for x in column.tolist()))
@@ -136,7 +140,9 @@ def half_speed(plan: Plan) -> Plan:
     return replace(
         plan,
         motion=replace(m, first=m.first / 2, last=m.last / 2, load_steps=2 * m.load_steps, hold_steps=0, unload=False),
-        sampling=replace(s, sample=2 * s.sample, every=2 * s.every, frame=2 * m.load_steps, checkpoint=2 * s.checkpoint),
+        sampling=replace(
+            s, sample=2 * s.sample, every=2 * s.every, frame=2 * m.load_steps, checkpoint=2 * s.checkpoint
+        ),
     )
 
 
@@ -191,7 +197,9 @@ def _check_same_scene(out: Path, scene: Scene) -> None:
     if not path.exists():
         raise InputError("--resume", str(out), "the folder of an earlier run (it has no scene.toml)")
     if load_scene(path) != scene:
-        raise InputError("--resume", str(out), "the scene that was begun there (scene.toml differs); start anew with --force")
+        raise InputError(
+            "--resume", str(out), "the scene that was begun there (scene.toml differs); start anew with --force"
+        )
 
 
 def _run_engine(
@@ -252,7 +260,9 @@ class _SpeedCheck:
     def __enter__(self) -> _SpeedCheck:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self._given_up.set()
         self._pool.shutdown()
 
@@ -278,13 +288,16 @@ def _speed_error(out: Path, plan: Plan, system: FilamentSystem, curve: Curve) ->
     return None if start is None else speed_change(curve, slow, start)
 
 
-def _keep_what_there_is(
-    out: Path, scene: Scene, plan: Plan, system: FilamentSystem, reason: str, begin: float
-) -> None:
+def _keep_what_there_is(out: Path, scene: Scene, plan: Plan, system: FilamentSystem, reason: str, begin: float) -> None:
     """After the engine stopped: make what it computed readable; never hide the engine's own error behind another."""
     try:
-        _finish(out, scene, plan, system, {"engine_s": None, "engine_version": None, "ranks": None, "begin": begin,
-                                           "stopped": reason})
+        _finish(
+            out,
+            scene,
+            plan,
+            system,
+            {"engine_s": None, "engine_version": None, "ranks": None, "begin": begin, "stopped": reason},
+        )
     except (StoreError, InputError, ValueError, OSError):
         return
 
@@ -333,8 +346,16 @@ def _finish(out: Path, scene: Scene, plan: Plan, system: FilamentSystem, facts: 
     speed = _speed_error(out, plan, system, curve) or facts.get("speed")
     review = _complete(review_run(scene, plan, system, curve, frames, extremes, speed), known, stopped, curve, plan)
     summary = _summary(scene, plan, curve, review, speed, facts)
-    results = store.Results(system, curve, frames, plan.timestep, review.statistics, scene.to_toml(),
-                            json.dumps(store.plain(plan_dict(plan))), summary)
+    results = store.Results(
+        system,
+        curve,
+        frames,
+        plan.timestep,
+        review.statistics,
+        scene.to_toml(),
+        json.dumps(store.plain(plan_dict(plan))),
+        summary,
+    )
     store.write_results(out / "results.h5", results)
     store.write_curve(out / "curve.csv", curve)
     store.write_json(out / "summary.json", summary)
@@ -352,12 +373,22 @@ def _complete(
 ) -> Review:
     """The review with what it cannot see: verdicts on samples that are stored no more, and an early end."""
     judged = {g.name for g in review.guards}
-    more = [Guard(**{**g, "value": math.nan if g["value"] is None else g["value"]})
-            for g in known if g["name"] not in judged and g["name"] != ENDED]
+    more = [
+        Guard(**{**g, "value": math.nan if g["value"] is None else g["value"]})
+        for g in known
+        if g["name"] not in judged and g["name"] != ENDED
+    ]
     if stopped is not None:
         done = float(curve["step"][-1])
-        more.append(Guard(ENDED, False, done, float(plan.planned_steps),
-                          f"{ENDED}: at step {done:.0f} of about {plan.planned_steps}: {stopped.splitlines()[0]}"))
+        more.append(
+            Guard(
+                ENDED,
+                False,
+                done,
+                float(plan.planned_steps),
+                f"{ENDED}: at step {done:.0f} of about {plan.planned_steps}: {stopped.splitlines()[0]}",
+            )
+        )
     return replace(review, guards=(*review.guards, *more))
 
 
@@ -381,7 +412,8 @@ def _summary(
         "ranks": facts.get("ranks"),
         "peak_force_N": float(curve["force_top_N"][peak]),
         "bottom_over_top_at_peak": float(curve["force_bottom_N"][peak] / curve["force_top_N"][peak])
-        if curve["force_top_N"][peak] > 0 else None,
+        if curve["force_top_N"][peak] > 0
+        else None,
         "final_thickness_um": float(curve["thickness_um"][-1]),
         "least_thickness_um": float(np.min(curve["thickness_um"])),
         "energy_ratio": review.energy_ratio,
@@ -418,5 +450,18 @@ def writable(folder: Path) -> bool:
     return os.access(folder, os.W_OK)
 
 
-__all__ = ["Extremes", "Frames", "Progress", "RunOptions", "RunResult", "build_scene", "default_out", "half_speed",
-           "measure_folder", "plan_dict", "plan_scene", "run_scene", "writable"]
+__all__ = [
+    "Extremes",
+    "Frames",
+    "Progress",
+    "RunOptions",
+    "RunResult",
+    "build_scene",
+    "default_out",
+    "half_speed",
+    "measure_folder",
+    "plan_dict",
+    "plan_scene",
+    "run_scene",
+    "writable",
+]

@@ -28,16 +28,20 @@ def critical_drag(plan: Plan, frequency: float) -> float:
 # --- bending ---------------------------------------------------------------------------------------------------------
 
 
-def press(
-    folder, level, *, tension, width=0.0, length=L, spacing=D, ends="simply-supported"
-) -> tuple[float, Outcome]:
+def press(folder, level, *, tension, width=0.0, length=L, spacing=D, ends="simply-supported") -> tuple[float, Outcome]:
     """(compliance um/nN, outcome): filament pressed at mid-span by an edge, or by a flat platen; no plate below it.
 
     What the beads under the platen give way (n kn) is taken off. Held until the last rows agree to 1e-5. Rods are
-    pressed deeper: the engine's bpm bonds leave a noise of 0.3 nN on the supports (an arc cosine that loses half its digits, it seems).
+    pressed deeper: the engine's bpm bonds leave a noise of 0.3 nN on the supports (an arc cosine that loses half its
+    digits, it seems).
     """
-    changes = {"model.level": level, "model.spacing": f"{spacing} um", "ends.tension": f"{tension} nN",
-               "assembly.length": f"{length} um", "ends.support": ends}
+    changes = {
+        "model.level": level,
+        "model.spacing": f"{spacing} um",
+        "ends.tension": f"{tension} nN",
+        "assembly.length": f"{length} um",
+        "ends.support": ends,
+    }
     if width:
         changes["platens.width"] = f"{width} um"
     plan, system = planned(changes)
@@ -48,8 +52,10 @@ def press(
     plan = moved(plan, stop / load / plan.timestep, load, hold)
     free = length if ends == "simply-supported" else 0.66 * length  # as slow as a clamped filament
     frequency = float(rod.bending_frequency(free, f.EI, f.mass_per_length, tension=tension))
-    supports = ("fix supports all ave/time 10 100 1000 f_hold_left[3] f_hold_right[3] c_wall_top "
-                'file supports.txt format " %.15g"')
+    supports = (
+        "fix supports all ave/time 10 100 1000 f_hold_left[3] f_hold_right[3] c_wall_top "
+        'file supports.txt format " %.15g"'
+    )
     out = run(folder, system, plan, [supports], platen_bottom_um=-1000.0, drag=critical_drag(plan, frequency))
     force = out.record.mean["top_force"]
     assert force[-1] == pytest.approx(force[-3], rel=1e-5)
@@ -67,8 +73,12 @@ def test_a_chain_bends_as_the_sum_over_its_hinges_says(tmp_path, measured, lengt
     compliance, _ = press(tmp_path, "chain", tension=0.0, length=length)
     EI = planned({})[1].types[0].EI
     assert compliance == pytest.approx(length**3 / (48 * EI) * (1 + 2 * (D / length) ** 2), rel=5e-5)
-    measured(f"chain: simply supported, mid-span force, L = {length / D:.0f} D, s = D", "deflection", compliance,
-             length**3 / (48 * EI))
+    measured(
+        f"chain: simply supported, mid-span force, L = {length / D:.0f} D, s = D",
+        "deflection",
+        compliance,
+        length**3 / (48 * EI),
+    )
 
 
 @pytest.mark.parametrize("length", [20 * D, 40 * D])
@@ -77,8 +87,12 @@ def test_a_clamped_chain_converges_with_the_square_of_the_spacing(tmp_path, meas
     compliance, _ = press(tmp_path, "chain", tension=0.0, length=length, ends="clamped")
     EI = planned({})[1].types[0].EI
     assert compliance == pytest.approx(length**3 / (192 * EI) * (1 + 8 * (D / length) ** 2), rel=5e-5)
-    measured(f"chain: clamped, mid-span force, L = {length / D:.0f} D, s = D", "deflection", compliance,
-             length**3 / (192 * EI))
+    measured(
+        f"chain: clamped, mid-span force, L = {length / D:.0f} D, s = D",
+        "deflection",
+        compliance,
+        length**3 / (192 * EI),
+    )
 
 
 @pytest.mark.parametrize(
@@ -100,11 +114,17 @@ def test_a_platen_bends_a_filament_as_a_tensioned_beam(tmp_path, measured, level
     length = 40 * spacing
     compliance, out = press(tmp_path, level, tension=tension, width=width, spacing=spacing, length=length)
     f = planned({})[1].types[0]
-    exact = 1 / rod.platen_force(1.0, length, f.EI, width=width, tension=tension,
-                                 kGA=f.kGA if level == "rod" else math.inf)
+    exact = 1 / rod.platen_force(
+        1.0, length, f.EI, width=width, tension=tension, kGA=f.kGA if level == "rod" else math.inf
+    )
     assert compliance == pytest.approx(float(exact), rel=error)
-    measured(f"{level}: {f'platen of {width:g} um' if width else 'mid-span force'}, tension {tension * 1e-7:g} cN, "
-             f"s = {spacing / D:g} D, L = 40 s", "deflection", compliance, float(exact))
+    measured(
+        f"{level}: {f'platen of {width:g} um' if width else 'mid-span force'}, tension {tension * 1e-7:g} cN, "
+        f"s = {spacing / D:g} D, L = 40 s",
+        "deflection",
+        compliance,
+        float(exact),
+    )
     # what the platen gives the supports take, half each, but for that noise
     left, right, wall = out.rows("supports.txt")[-1, 1:]
     assert left + right == pytest.approx(wall, rel=2e-6)
@@ -118,8 +138,12 @@ def test_a_clamped_rod_is_exact(tmp_path, measured, tension):
     f = planned({})[1].types[0]
     exact = 2 * rod.platen_compliance(L / 2, f.EI, tension=tension, kGA=f.kGA)
     assert compliance == pytest.approx(float(exact), rel=1e-4)
-    measured(f"rod: clamped, mid-span force, tension {tension * 1e-7:g} cN, s = D, L = 40 D", "deflection", compliance,
-             float(exact))
+    measured(
+        f"rod: clamped, mid-span force, tension {tension * 1e-7:g} cN, s = D, L = 40 D",
+        "deflection",
+        compliance,
+        float(exact),
+    )
 
 
 # --- stretching ------------------------------------------------------------------------------------------------------
@@ -133,8 +157,9 @@ def test_the_end_load_is_in_equilibrium_as_built_and_stretches_by_EA(tmp_path, m
     EA is the softened one of the plan; the natural length is L/(1 + P/EA).
     """
     P = 4e5
-    plan, system = planned({"model.level": level, "ends.tension": f"{P} nN", "assembly.length": f"{L} um",
-                            "ends.support": ends})
+    plan, system = planned(
+        {"model.level": level, "ends.tension": f"{P} nN", "assembly.length": f"{L} um", "ends.support": ends}
+    )
     f = system.types[0]
     EA = f.EA / plan.axial_softening
     assert (plan.axial_softening > 1) == (level == "chain")
@@ -142,8 +167,14 @@ def test_the_end_load_is_in_equilibrium_as_built_and_stretches_by_EA(tmp_path, m
     held = int(np.sum(plan.beads.role == RIGHT))
 
     def path(name, load):
-        out = run(tmp_path / name, system, moved(plan, 1e-3, 8000, sample=500), drag=critical_drag(plan, frequency),
-                  end_load_nN=load / held, **AWAY)
+        out = run(
+            tmp_path / name,
+            system,
+            moved(plan, 1e-3, 8000, sample=500),
+            drag=critical_drag(plan, frequency),
+            end_load_nN=load / held,
+            **AWAY,
+        )
         return out.record.state["end_path"] - out.record.start["end_path"]
 
     assert np.max(np.abs(path("as built", P))) < 1e-9 * P * L / EA
@@ -171,16 +202,23 @@ def test_a_twisted_rod_is_linear_and_its_grips_hold_it_a_tenth_of_a_bond_beyond_
     frequency = math.pi / length * math.sqrt(f.GJ * D / inertia)
     n = system.n_beads
     middle = n // 2
-    run(tmp_path, system, plan, [
-        f"group held id {middle + 1}",
-        "group spinning subtract turning held",
-        "unfix integrate",
-        "fix integrate spinning nve/bpm/sphere",
-        f"set group held quat 1 0 0 {math.degrees(theta):.17g}",
-        "compute turns all property/atom quatw quati tqx",
-        "dump turns all custom 6000 turns.txt id c_turns[*]",
-        "dump_modify turns sort id format float %.15g",
-    ], turning_drag=2 * frequency * inertia, **AWAY)
+    run(
+        tmp_path,
+        system,
+        plan,
+        [
+            f"group held id {middle + 1}",
+            "group spinning subtract turning held",
+            "unfix integrate",
+            "fix integrate spinning nve/bpm/sphere",
+            f"set group held quat 1 0 0 {math.degrees(theta):.17g}",
+            "compute turns all property/atom quatw quati tqx",
+            "dump turns all custom 6000 turns.txt id c_turns[*]",
+            "dump_modify turns sort id format float %.15g",
+        ],
+        turning_drag=2 * frequency * inertia,
+        **AWAY,
+    )
     rows = (tmp_path / "turns.txt").read_text().split("ITEM: TIMESTEP\n")[-1].splitlines()[8:]
     _, w, i, torque = np.array([line.split() for line in rows], dtype=float).T
     turn = 2 * np.arctan2(i, w)
@@ -204,8 +242,16 @@ def twisted_and_bent(folder, damping: float) -> Outcome:
     plan = moved(plan, 2.0 / load / plan.timestep, load, 16000, sample=500)
     middle = system.n_beads // 2 + 1
     turn = f"{math.degrees(0.25)}*({middle - 1}-abs(id-{middle}))*(id<={system.n_beads})"
-    return run(folder, system, plan, [f"variable turned atom {turn}", "set group turning quat 1 0 0 v_turned"],
-               platen_bottom_um=-1000.0, turning_drag=0.0, drag=0.0, rod_damping=damping)
+    return run(
+        folder,
+        system,
+        plan,
+        [f"variable turned atom {turn}", "set group turning quat 1 0 0 v_turned"],
+        platen_bottom_um=-1000.0,
+        turning_drag=0.0,
+        drag=0.0,
+        rod_damping=damping,
+    )
 
 
 def test_an_undamped_rod_with_twist_and_bending_bursts_and_rod_damping_cures_it(tmp_path):
@@ -239,17 +285,24 @@ def test_filaments_dragged_across_each_other_slide_at_the_pairs_friction(tmp_pat
     span, steps = 0.04, 4000
     plan, system = two_filaments(level, -span / 2)
     plan = moved(plan, 1e-6, steps)
-    out = run(tmp_path, system, plan, [
-        "group upper molecule 2",
-        "group pressed intersect contact upper",
-        "group held subtract contact upper",
-        "unfix integrate",
-        "fix push pressed addforce 0 0 -1e4",
-        f"fix pull upper move linear 0 {span / steps / plan.timestep:.17g} NULL",
-        "compute grip held reduce sum fx fy fz",
-        "compute where upper reduce ave y",
-        'fix friction all ave/time 100 1 100 c_grip[*] c_where file friction.txt format " %.15g"',
-    ], drag=0.0, **AWAY)
+    out = run(
+        tmp_path,
+        system,
+        plan,
+        [
+            "group upper molecule 2",
+            "group pressed intersect contact upper",
+            "group held subtract contact upper",
+            "unfix integrate",
+            "fix push pressed addforce 0 0 -1e4",
+            f"fix pull upper move linear 0 {span / steps / plan.timestep:.17g} NULL",
+            "compute grip held reduce sum fx fy fz",
+            "compute where upper reduce ave y",
+            'fix friction all ave/time 100 1 100 c_grip[*] c_where file friction.txt format " %.15g"',
+        ],
+        drag=0.0,
+        **AWAY,
+    )
     rows = out.rows("friction.txt")
     slope = np.arcsin(rows[:, 4] / D)
     sliding = slope > -0.5 * span / 2 / D
@@ -269,13 +322,21 @@ def test_a_filament_dragged_between_platens_slides_at_their_friction(tmp_path, m
     plan = moved(plan, 1e-9, 4000)
     speed = 0.05 / 4000 / plan.timestep
     move = f"{speed:.17g} 0 0" if along else f"0 {speed:.17g} 0"
-    out = run(tmp_path, system, plan, [
-        "unfix integrate",
-        f"fix pull all move linear {move}",
-        "compute top all reduce sum f_top_wall[2] f_top_wall[3] f_top_wall[4]",
-        "compute bottom all reduce sum f_bottom_wall[2] f_bottom_wall[3] f_bottom_wall[4]",
-        'fix friction all ave/time 1000 1 1000 c_top[*] c_bottom[*] file friction.txt format " %.15g"',
-    ], platen_top_um=D / 2 - 0.01, platen_bottom_um=0.01 - D / 2, drag=0.0)
+    out = run(
+        tmp_path,
+        system,
+        plan,
+        [
+            "unfix integrate",
+            f"fix pull all move linear {move}",
+            "compute top all reduce sum f_top_wall[2] f_top_wall[3] f_top_wall[4]",
+            "compute bottom all reduce sum f_bottom_wall[2] f_bottom_wall[3] f_bottom_wall[4]",
+            'fix friction all ave/time 1000 1 1000 c_top[*] c_bottom[*] file friction.txt format " %.15g"',
+        ],
+        platen_top_um=D / 2 - 0.01,
+        platen_bottom_um=0.01 - D / 2,
+        drag=0.0,
+    )
     top, bottom = out.rows("friction.txt")[-1, 1:].reshape(2, 3)
     axis = 0 if along else 1
     normal = int(np.sum(plan.beads.role == CONTACT)) * plan.platens.kn * 0.01
@@ -307,8 +368,12 @@ def test_a_disc_pushes_back_with_the_stiffness_of_its_filament(tmp_path, measure
     out = run(tmp_path, system, plan, platen_bottom_um=-1000.0, drag=drag)
     force, d = out.record.mean["top_force"][-1], out.record.mean["displacement"][-1]
     assert force == pytest.approx(k * (d - force / plan.platens.kn), rel=1e-6)
-    measured(f"section: disc on the spring of {length / 1000:g} mm ({form})", "force", force,
-             k * (d - force / plan.platens.kn))
+    measured(
+        f"section: disc on the spring of {length / 1000:g} mm ({form})",
+        "force",
+        force,
+        k * (d - force / plan.platens.kn),
+    )
 
 
 def test_a_disc_turns_back_by_its_torsional_spring(tmp_path):
@@ -326,12 +391,19 @@ def test_a_disc_turns_back_by_its_torsional_spring(tmp_path):
     plan = moved(replace(plan, timestep=step), 1e-9, steps // 20 * 20, sample=20)
 
     def swing(name, turn):
-        out = run(tmp_path / name, system, plan, [
-            f"set group all dipole {math.cos(turn):.17g} {math.sin(turn):.17g} 0",
-            "compute moment all property/atom muy tqz",
-            "compute sine_torque all reduce sum c_moment[1] c_moment[2]",
-            'fix swing all ave/time 20 1 20 c_sine_torque[*] file swing.txt format " %.15g"',
-        ], turning_drag=0.0, **AWAY)
+        out = run(
+            tmp_path / name,
+            system,
+            plan,
+            [
+                f"set group all dipole {math.cos(turn):.17g} {math.sin(turn):.17g} 0",
+                "compute moment all property/atom muy tqz",
+                "compute sine_torque all reduce sum c_moment[1] c_moment[2]",
+                'fix swing all ave/time 20 1 20 c_sine_torque[*] file swing.txt format " %.15g"',
+            ],
+            turning_drag=0.0,
+            **AWAY,
+        )
         return out.rows("swing.txt").T
 
     _, sine, torque = swing("far", 1.2)
@@ -365,20 +437,33 @@ def test_a_far_field_carries_345_mm_on_a_millimetre_of_beads(tmp_path, measured,
     support for millions of steps (one swing is a million). The rest, critically damped, comes to rest on its own.
     """
     length, width, depth = 345000.0, 500.0, 0.1
-    plan, system = planned({"assembly.length": f"{length} um", "platens.width": f"{width} um",
-                            "model.far_field": form, "model.level": "chain"})
+    plan, system = planned(
+        {
+            "assembly.length": f"{length} um",
+            "platens.width": f"{width} um",
+            "model.far_field": form,
+            "model.level": "chain",
+        }
+    )
     f = system.types[0]
     edges = [int(np.argmin(np.abs(plan.beads.stations - x))) + 1 for x in ((length - width) / 2, (length + width) / 2)]
     frequency = float(rod.bending_frequency(width, f.EI, f.mass_per_length, tension=4e5))
     plan = moved(plan, 1e-9, 64000, sample=2000)
-    out = run(tmp_path, system, plan, [
-        f"group edges id {edges[0]} {edges[1]}",
-        f"displace_atoms edges move 0 0 -{depth}",
-        "fix edges edges setforce NULL NULL 0",
-        "fix edge_force all ave/time 2000 1 2000 f_edges[3] file edges.txt",
-        # coarse beads weigh little and swing slowly: by trial, the drag on them that takes fewest steps
-        "fix far_drag free viscous 5",
-    ], drag=critical_drag(plan, frequency), **AWAY)
+    out = run(
+        tmp_path,
+        system,
+        plan,
+        [
+            f"group edges id {edges[0]} {edges[1]}",
+            f"displace_atoms edges move 0 0 -{depth}",
+            "fix edges edges setforce NULL NULL 0",
+            "fix edge_force all ave/time 2000 1 2000 f_edges[3] file edges.txt",
+            # coarse beads weigh little and swing slowly: by trial, the drag on them that takes fewest steps
+            "fix far_drag free viscous 5",
+        ],
+        drag=critical_drag(plan, frequency),
+        **AWAY,
+    )
     force = out.rows("edges.txt")[:, 1]
     assert force[-1] == pytest.approx(force[-2], rel=1e-4)
     exact = float(rod.platen_force(1.0, length, f.EI, width=width, tension=4e5))
@@ -406,8 +491,9 @@ def test_dihedrals_on_a_helix_keep_its_shape_and_the_energy(tmp_path, hand):
 
     Dihedrals need a step 11 times shorter than bending here; the plan's own is refused.
     """
-    plan, one = planned({"model.level": "chain", "assembly.length": f"{L} um", "ends.tension": "0 nN",
-                         "model.axial_softening": 1.0})
+    plan, one = planned(
+        {"model.level": "chain", "assembly.length": f"{L} um", "ends.tension": "0 nN", "model.axial_softening": 1.0}
+    )
     plan = moved(replace(plan, torsion="dihedral"), 1e-9, 20000)
     spec = BundleSpec(one.types[0], np.array([[28.0, 0.0]]), plan.beads.stations, twist=hand / L)
     system = build_bundle(spec, np.random.default_rng(0))
@@ -415,8 +501,10 @@ def test_dihedrals_on_a_helix_keep_its_shape_and_the_energy(tmp_path, hand):
     with pytest.raises(InputError, match="dihedrals on filaments bent by"):
         assemble(system, plan)
     plan = replace(plan, timestep=2e-5)
-    energy = ["variable energy equal c_kinetic+c_stored",
-              'fix energy all ave/time 100 1 100 v_energy file energy.txt format " %.15g"']
+    energy = [
+        "variable energy equal c_kinetic+c_stored",
+        'fix energy all ave/time 100 1 100 v_energy file energy.txt format " %.15g"',
+    ]
     still = run(tmp_path / "still", system, plan, energy, drag=0.0, **AWAY)
     kick = ["group middle id 20", "velocity middle set 0 0.5 0.5", *energy]
     swung = run(tmp_path / "swung", system, plan, kick, drag=0.0, **AWAY)

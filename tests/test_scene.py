@@ -185,7 +185,9 @@ def test_shipped_scenes_load_and_say_what_they_are(name):
     assert s.name == name and 10 < len(s.description) < 120 and "\n" not in s.description
     assert s.filament.diameter == 7.0 and s.assembly.void_fraction == 0.31 and s.ends.tension == 4e5
     assert (s.platens.width, s.platens.friction, s.contact.friction) == (500.0, 0.3, 0.2)
-    assert s.platens.unload == (name not in ("carbon-127-twisted", "carbon-37-full-length", "carbon-12k-section"))  # the costly ones
+    assert s.platens.unload == (
+        name not in ("carbon-127-twisted", "carbon-37-full-length", "carbon-12k-section")
+    )  # the costly ones
     assert 0.0 < s.assembly.jitter <= 0.1
     assert scene_from_dict(tomllib.loads(s.to_toml())) == s
     assert scene_text(name).startswith("# ") and max(map(len, scene_text(name).splitlines())) <= 120

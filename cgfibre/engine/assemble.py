@@ -34,8 +34,10 @@ class Deck:
 def pair_words(contact: Contact) -> str:
     """Coefficients of ``pair_style granular`` for one pair of types."""
     tangential = "linear_history" if contact.law == "hooke" else "mindlin"
-    return (f"{contact.law} {contact.kn:.17g} {contact.gamma:.17g} tangential {tangential} {contact.kt:.17g} 1.0 "
-            f"{contact.friction:.17g} damping velocity")
+    return (
+        f"{contact.law} {contact.kn:.17g} {contact.gamma:.17g} tangential {tangential} {contact.kt:.17g} 1.0 "
+        f"{contact.friction:.17g} damping velocity"
+    )
 
 
 def platen_heights(system: FilamentSystem, plan: Plan) -> tuple[float, float]:
@@ -190,7 +192,9 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
     EA = np.array([t.EA for t in types])[kind_of_bond] / plan.axial_softening
     rest = system.bond_lengths() / (1 + _strain(system, plan))
     bond_kind, first = group_types(EA / (2 * rest), rest)
-    bond = Topology("Bond", bonds, bond_kind, [(float(EA[i] / (2 * rest[i])), float(rest[i])) for i in first], "harmonic")
+    bond = Topology(
+        "Bond", bonds, bond_kind, [(float(EA[i] / (2 * rest[i])), float(rest[i])) for i in first], "harmonic"
+    )
     station = angles[:, 1] - system.filament_start[system.filament_of_bead[angles[:, 1]]]
     stiffness = plan.beads.hinge[station]
     style = "cosine"
@@ -215,8 +219,15 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
     data = DataFile(
         title="cgfibre, level chain, units micro",
         atom_style="hybrid",
-        atom_columns=[_bead_types(system, role), p[:, 0], p[:, 1], p[:, 2], diameter, _density(mass, diameter),
-                      system.filament_of_bead + 1],
+        atom_columns=[
+            _bead_types(system, role),
+            p[:, 0],
+            p[:, 1],
+            p[:, 2],
+            diameter,
+            _density(mass, diameter),
+            system.filament_of_bead + 1,
+        ],
         atom_format=["%d", "%.17g", "%.17g", "%.17g", "%.17g", "%.17g", "%d"],
         n_types=n_types,
         box=_box(system),
@@ -249,9 +260,11 @@ def _check_curved(bend: FloatArray) -> None:
     least = float(np.min(bend)) if len(bend) else 0.0
     if least < HARMONIC_BEND:
         raise InputError(
-            "model.torsion", "dihedral",
-            f"filaments bent by at least {HARMONIC_BEND} rad at every bead (here {least:.2g}): on a straight chain a dihedral "
-            "is singular and follows the centre line, not the material's twist; use level = \"rod\"")
+            "model.torsion",
+            "dihedral",
+            f"filaments bent by at least {HARMONIC_BEND} rad at every bead (here {least:.2g}): on a straight chain a "
+            'dihedral is singular and follows the centre line, not the material\'s twist; use level = "rod"',
+        )
 
 
 def _check_dihedral_step(system: FilamentSystem, plan: Plan, bend: FloatArray, mass: FloatArray) -> None:
@@ -267,9 +280,12 @@ def _check_dihedral_step(system: FilamentSystem, plan: Plan, bend: FloatArray, m
     theta, m = np.min(at[quads[:, 1:3]], axis=1), np.min(mass[quads[:, 1:3]], axis=1)
     limit = 2 / math.sqrt(float(np.max(64 * GJ / (s**3 * theta**2 * m))) + (2 / plan.timestep_limit) ** 2)
     if plan.timestep > 0.99 * limit:
-        raise InputError("model.timestep", f"{plan.timestep:.4g} us",
-                         f"at most {0.65 * limit:.3g} us: dihedrals on filaments bent by "
-                         f"{float(np.min(theta)):.2g} rad a bead are stiffer than bending")
+        raise InputError(
+            "model.timestep",
+            f"{plan.timestep:.4g} us",
+            f"at most {0.65 * limit:.3g} us: dihedrals on filaments bent by "
+            f"{float(np.min(theta)):.2g} rad a bead are stiffer than bending",
+        )
 
 
 def _dihedrals(system: FilamentSystem) -> Topology:
@@ -282,7 +298,9 @@ def _dihedrals(system: FilamentSystem) -> Topology:
     phi = np.degrees(np.arctan2(np.sum(np.cross(n1, n2) * b2, axis=1) / length, np.sum(n1 * n2, axis=1)))
     GJ = np.array([t.GJ for t in system.types])[system.filament_type[system.filament_of_bead[quads[:, 0]]]]
     kind, first = group_types(GJ / (2 * length), phi)
-    return Topology("Dihedral", quads, kind, [(float(GJ[i] / (2 * length[i])), float(phi[i])) for i in first], "quadratic")
+    return Topology(
+        "Dihedral", quads, kind, [(float(GJ[i] / (2 * length[i])), float(phi[i])) for i in first], "quadratic"
+    )
 
 
 def _rod(system: FilamentSystem, plan: Plan) -> Deck:
@@ -302,7 +320,10 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
     if plan.beads.support == "simple" and int(np.sum(plan.beads.role == LEFT)) == 1:
         # a grip beyond each pinned end holds its turn about the filament by a bond with twist stiffness alone
         first, last = system.first_beads, system.last_beads
-        firsts, lasts = natural[first] - (natural[first + 1] - natural[first]), natural[last] + (natural[last] - natural[last - 1])
+        firsts, lasts = (
+            natural[first] - (natural[first + 1] - natural[first]),
+            natural[last] + (natural[last] - natural[last - 1]),
+        )
         natural = np.concatenate([natural, firsts, lasts])
         positions = np.concatenate([positions, firsts, positions[last] + (lasts - natural[last])])
         grips = np.arange(n, n + 2 * system.n_filaments)
@@ -331,7 +352,15 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         title="cgfibre, level rod, units micro",
         atom_style="hybrid",
         # hybrid bpm/sphere angle: id type x y z molecule diameter density
-        atom_columns=[role + 1, natural[:, 0], natural[:, 1], natural[:, 2], molecule, diameter, _density(mass, diameter)],
+        atom_columns=[
+            role + 1,
+            natural[:, 0],
+            natural[:, 1],
+            natural[:, 2],
+            molecule,
+            diameter,
+            _density(mass, diameter),
+        ],
         atom_format=["%d", "%.17g", "%.17g", "%.17g", "%d", "%.17g", "%.17g"],
         n_types=n_types,
         box=box,
@@ -365,7 +394,11 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         "end_load_nN": plan.beads.end_load,
         "boundary_x": "p" if plan.beads.closed else "m",
     }
-    tables = {"bond_kinds.txt": bond_kind[first_row], "bond_lengths.txt": rest[first_row], "bond_masses.txt": lighter[first_row]}
+    tables = {
+        "bond_kinds.txt": bond_kind[first_row],
+        "bond_lengths.txt": rest[first_row],
+        "bond_masses.txt": lighter[first_row],
+    }
     return Deck("in.rod", parameters, data, tables)
 
 
@@ -391,9 +424,21 @@ def _section(system: FilamentSystem, plan: Plan) -> Deck:
     data = DataFile(
         title="cgfibre, level section, units micro",
         atom_style="hybrid",
-        # hybrid sphere dipole bond: id type x y z diameter density q mux muy muz molecule; LAMMPS' x, y: the scene's y, z
-        atom_columns=[system.filament_type + 1, system.positions[:, 1], system.positions[:, 2], zero, diameter,
-                      _density(mass, diameter), zero, np.ones(n), zero, zero, np.arange(1, n + 1)],
+        # hybrid sphere dipole bond: id type x y z diameter density q mux muy muz molecule;
+        # LAMMPS' x, y are the scene's y, z
+        atom_columns=[
+            system.filament_type + 1,
+            system.positions[:, 1],
+            system.positions[:, 2],
+            zero,
+            diameter,
+            _density(mass, diameter),
+            zero,
+            np.ones(n),
+            zero,
+            zero,
+            np.arange(1, n + 1),
+        ],
         atom_format=["%d", *["%.17g"] * 5, "%g", "%g", "%g", "%g", "%d"],
         n_types=n_types,
         box=np.array([box[1], box[2], [-float(np.max(diameter)), float(np.max(diameter))]]),
@@ -414,5 +459,3 @@ ASSEMBLERS: dict[str, Callable[[FilamentSystem, Plan], Deck]] = {"chain": _chain
 def assemble(system: FilamentSystem, plan: Plan) -> Deck:
     """Everything the deck of the plan's level reads."""
     return ASSEMBLERS[plan.level](system, plan)
-
-

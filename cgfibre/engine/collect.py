@@ -120,5 +120,3 @@ def read_run(folder: Path, system: FilamentSystem, plan: Plan) -> tuple[Curve, F
     """Curve, frames and extremes of a deck's folder, finished or not."""
     raw = read_record(folder)
     return curve_of(raw, system, plan), frames_of(folder, system, plan, stop_step_of(raw, plan)), extremes_of(raw)
-
-

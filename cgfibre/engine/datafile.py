@@ -73,8 +73,11 @@ def write_data(path: Path, data: DataFile) -> None:
         _lines(f, f"PairIJ Coeffs # {data.pair_style}", (f"{i + 1} {j + 1} {words}" for i, j, words in data.pair_rows))
         for t in data.topologies:
             if t.style:
-                _lines(f, f"{t.name} Coeffs # {t.style}",
-                       (f"{i + 1} " + " ".join(f"{c:.17g}" for c in row) for i, row in enumerate(t.coefficients)))
+                _lines(
+                    f,
+                    f"{t.name} Coeffs # {t.style}",
+                    (f"{i + 1} " + " ".join(f"{c:.17g}" for c in row) for i, row in enumerate(t.coefficients)),
+                )
         f.write(f"\nAtoms # {data.atom_style}\n\n")
         ids = np.arange(1, n + 1)
         _rows(f, [ids, *data.atom_columns], ["%d", *data.atom_format])

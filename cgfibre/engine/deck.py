@@ -78,7 +78,8 @@ system.data       the assembly
 
 It writes
 record.txt            means over sampling windows: displacement (um), force on the top and the bottom platen (nN),
-                      kinetic and stored energy (nN um), width under the platen (um), pressure (kPa), path of the loaded ends (um)
+                      kinetic and stored energy (nN um), width under the platen (um), pressure (kPa), path of the
+                      loaded ends (um)
 extremes.txt          extents, closest pair (um) and largest turn (rad) at the end of each window
 trajectory.lammpstrj  frames (um) that OVITO, VMD and MDAnalysis read
 checkpoint.0, .1      restarts, written by turns; state.0, state.1 say what they hold

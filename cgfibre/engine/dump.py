@@ -16,9 +16,18 @@ import numpy as np
 
 from cgfibre.build.system import FloatArray, IntArray
 
-RECORD_COLUMNS = ("step", "displacement", "top_force", "bottom_force", "kinetic", "stored", "width", "pressure", "end_path")
-EXTREME_COLUMNS = ("step", "displacement", "y_lo", "y_hi", "z_lo", "z_hi", "closest", "turn",
-                   "stored", "end_path")
+RECORD_COLUMNS = (
+    "step",
+    "displacement",
+    "top_force",
+    "bottom_force",
+    "kinetic",
+    "stored",
+    "width",
+    "pressure",
+    "end_path",
+)
+EXTREME_COLUMNS = ("step", "displacement", "y_lo", "y_hi", "z_lo", "z_hi", "closest", "turn", "stored", "end_path")
 
 
 FRAME = b"ITEM: TIMESTEP\n"
@@ -94,7 +103,7 @@ def read_record(folder: Path) -> RawRecord:
 
 
 def mend_tables(folder: Path) -> None:
-    """Cut a row that a kill or a full disk left unfinished off record.txt and extremes.txt, before more are appended."""
+    """Cut a row that a kill or a full disk left unfinished off record.txt and extremes.txt before more is appended."""
     for path in (folder / "record.txt", folder / "extremes.txt"):
         if path.exists():
             whole = path.read_bytes().rfind(b"\n") + 1
@@ -145,6 +154,13 @@ def read_states(folder: Path) -> list[State]:
             continue
         values = dict(re.findall(r"variable (\w+) index (\S+)", text))
         if (folder / values["checkpoint"]).exists():
-            states.append(State(path.name, values["checkpoint"], int(float(values["phase_at"])),
-                                int(float(values["step_at"])), int(float(values["stopped_at"]))))
+            states.append(
+                State(
+                    path.name,
+                    values["checkpoint"],
+                    int(float(values["phase_at"])),
+                    int(float(values["step_at"])),
+                    int(float(values["stopped_at"])),
+                )
+            )
     return sorted(states, key=lambda s: s.step, reverse=True)

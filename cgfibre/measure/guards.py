@@ -199,8 +199,8 @@ def filaments_through_each_other(system: FilamentSystem, frames: Frames, swaps: 
     reversed (by 120 degrees or more) from one frame to the next, while the platen moved less than D/2. Farther apart
     frames cannot tell. Up to :data:`ALL_PAIRS_UP_TO` filaments all pairs are followed, beyond it those within 1.5 D in
     any frame at one of nine planes. A column that buckles can reverse a pair as fast: ``swaps`` false leaves that sign
-    out, right where it is known that no two filaments ever overlapped by a fifth of D. :func:`axis_distance` sees a passage while it happens. Raises InputError for frames
-    of another number of beads.
+    out, right where it is known that no two filaments ever overlapped by a fifth of D. :func:`axis_distance` sees a
+    passage while it happens. Raises InputError for frames of another number of beads.
     """
     name = "filaments through each other"
     if frames.positions.shape[1:] != (system.n_beads, 3):

@@ -57,8 +57,12 @@ def choose_far_field(scene: Scene, level: str, zone: tuple[float, float]) -> tup
     asked, length = scene.model.far_field, scene.assembly.length
     if asked != "auto":
         if asked == "condensed" and (level != "chain" or scene.ends.support != "simply-supported"):
-            raise InputError("model.far_field", asked, "graded: the condensed form needs level = \"chain\" and "
-                             "simply-supported ends (it has no bead for a rod's rotation)")
+            raise InputError(
+                "model.far_field",
+                asked,
+                'graded: the condensed form needs level = "chain" and '
+                "simply-supported ends (it has no bead for a rod's rotation)",
+            )
         return asked, "as asked in the scene"
     if length <= FAR_FIELD_RATIO * (zone[1] - zone[0]) or scene.ends.support == "symmetry":
         return "none", "the fine zone is most of the filament"
@@ -77,7 +81,9 @@ def plan_beads(
     if far_field == "none":
         spec = SpacingSpec(length=length, fine=spacing, anchors=anchors)
     else:
-        spec = SpacingSpec(length=length, fine=spacing, zone=zone, coarse=max(spacing, COARSE * length), anchors=anchors)
+        spec = SpacingSpec(
+            length=length, fine=spacing, zone=zone, coarse=max(spacing, COARSE * length), anchors=anchors
+        )
     stations = lay_stations(spec)
     support = scene.ends.support
     if far_field == "condensed":
@@ -87,8 +93,12 @@ def plan_beads(
         outside = float(stations[0])
         stiffness = far_field_stiffness(outside, filament.EI, scene.ends.tension)
         end = chain_end(stiffness, segment, filament.EI, scene.ends.tension)
-        extras = {"hinge": end.hinge, "transverse": end.spring, "distance": end.distance,
-                  "axial": float(axial_end_stiffness(outside, filament.EA))}
+        extras = {
+            "hinge": end.hinge,
+            "transverse": end.spring,
+            "distance": end.distance,
+            "axial": float(axial_end_stiffness(outside, filament.EA)),
+        }
         stations = np.concatenate([[stations[0] - end.distance], stations, [stations[-1] + end.distance]])
     elif support == "clamped":
         # two held beads make a clamp: one more beyond each end
@@ -141,14 +151,18 @@ def finish_beads(
         hinge[1:-1] = chain.angle
     if extras:
         hinge[1] = hinge[-2] = extras["hinge"]
-    near = np.minimum(gaps, np.roll(gaps, 1)) if closed else np.minimum(
-        np.append(gaps, gaps[-1]), np.insert(gaps, 0, gaps[0]))
+    near = (
+        np.minimum(gaps, np.roll(gaps, 1))
+        if closed
+        else np.minimum(np.append(gaps, gaps[-1]), np.insert(gaps, 0, gaps[0]))
+    )
     real = role == CONTACT
     if level == "rod":
         coefficients = rod.rod_coefficients(near[real], EA, filament.EI, filament.GJ, filament.kGA)
         spinning = float(rod.contact_stiffness_bound(1.0, inertia=rod.SPHERE_INERTIA)) / rod.CONTACT_BOUND
         omega2 = rod.rod_frequency_squared(
-            near[real], mass[real], filament.diameter, coefficients, kn=spinning * contact_kn)
+            near[real], mass[real], filament.diameter, coefficients, kn=spinning * contact_kn
+        )
     else:
         omega2 = rod.chain_frequency_squared(near[real], mass[real], EA, filament.EI, tension=tension, kn=contact_kn)
     limit = 2 / math.sqrt(float(np.max(omega2)))

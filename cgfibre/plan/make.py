@@ -79,7 +79,9 @@ def outline(scene: Scene) -> Outline:
     spec = arrangement_spec(scene)
     d = scene.filament.diameter
     centres = arrange(spec, d, np.random.default_rng(scene.assembly.seed))
-    pitch = spec.pitch if spec.pitch is not None else pitch_from_void_fraction(d, 1 - float(spec.volume_fraction or 0.69))
+    pitch = (
+        spec.pitch if spec.pitch is not None else pitch_from_void_fraction(d, 1 - float(spec.volume_fraction or 0.69))
+    )
     width, height = (float(np.ptp(centres[:, k])) + d for k in (0, 1))
     depth = planned_displacement(scene, height, width, len(centres))
     return Outline(scene_filament(scene), centres, max(pitch, d), width, height, depth)
@@ -96,17 +98,32 @@ def _choose_level(scene: Scene) -> Choice:
 
 def _common_omissions(scene: Scene, level: str) -> list[Omission]:
     left = [
-        Omission("filament flattening", "a bead's section stays round; contacts take the compliance of the line contact, "
-                 f"its secant at {scene.contact.line_load * 1e-6:g} N/mm",
-                 "the approach of two filaments errs by up to half of itself a decade of load away (4 % D at 1 N/mm)"),
-        Omission("gravity, adhesion, moisture", "small beside contact forces of micronewtons", "below 1e-3 of the force"),
+        Omission(
+            "filament flattening",
+            "a bead's section stays round; contacts take the compliance of the line contact, "
+            f"its secant at {scene.contact.line_load * 1e-6:g} N/mm",
+            "the approach of two filaments errs by up to half of itself a decade of load away (4 % D at 1 N/mm)",
+        ),
+        Omission(
+            "gravity, adhesion, moisture", "small beside contact forces of micronewtons", "below 1e-3 of the force"
+        ),
     ]
     if level == "chain":
-        left.append(Omission("torsion and rolling of filaments", "beads of a chain do not spin",
-                             "friction cannot roll a filament: right while mu N D/2 < GJ/L, else forces are too high"))
+        left.append(
+            Omission(
+                "torsion and rolling of filaments",
+                "beads of a chain do not spin",
+                "friction cannot roll a filament: right while mu N D/2 < GJ/L, else forces are too high",
+            )
+        )
     if level in ("chain", "rod"):
-        left.append(Omission("smoothness of the filament's surface", "beads are spheres a diameter apart",
-                             "friction along a filament ripples; the bundle nests by up to 13 % D where filaments cross columns"))
+        left.append(
+            Omission(
+                "smoothness of the filament's surface",
+                "beads are spheres a diameter apart",
+                "friction along a filament ripples; the bundle nests by up to 13 % D where filaments cross columns",
+            )
+        )
     if not scene.platens.unload:
         left.append(Omission("unloading", "the scene does not ask for it", "none on the loading curve"))
     return left
@@ -135,8 +152,11 @@ def _platens(scene: Scene, contact: ContactPlan, contact_length: float, edges: b
 
 
 def _friction(scene: Scene) -> Choice:
-    return Choice("friction", f"{scene.contact.friction:g} between filaments, {scene.platens.friction:g} on platens",
-                  "Coulomb, stated separately in the scene; a filament never touches itself")
+    return Choice(
+        "friction",
+        f"{scene.contact.friction:g} between filaments, {scene.platens.friction:g} on platens",
+        "Coulomb, stated separately in the scene; a filament never touches itself",
+    )
 
 
 def _softening(scene: Scene, level: str) -> Choice:
@@ -145,8 +165,12 @@ def _softening(scene: Scene, level: str) -> Choice:
         return Choice("contact softening", f"{asked:g}", "as asked in the scene")
     if CONTACT_SOFTENING[level] == 1:
         return Choice("contact softening", "1", "the real contact stiffness needs no shorter step than bending does")
-    return Choice("contact softening", f"{CONTACT_SOFTENING[level]:g}", "a softer contact allows a longer step and a faster "
-                  f"platen; what overlap this adds is checked against {OVERLAP_LIMIT:.0%} D")
+    return Choice(
+        "contact softening",
+        f"{CONTACT_SOFTENING[level]:g}",
+        "a softer contact allows a longer step and a faster "
+        f"platen; what overlap this adds is checked against {OVERLAP_LIMIT:.0%} D",
+    )
 
 
 def _checked_step(scene: Scene, limit: float) -> Choice:
@@ -170,8 +194,11 @@ def _axial(scene: Scene, level: str, spacing: float, filament: FilamentType) -> 
     strain = scene.ends.tension / filament.EA
     cap = MAX_AXIAL_SOFTENING if strain == 0 else min(MAX_AXIAL_SOFTENING, END_STRAIN / strain)
     value = max(1.0, min(balance, cap))
-    return Choice("axial softening", f"{value:.4g}",
-                  f"stretching as stiff as bending: a longer step; the end load strains the filament {value * strain:.2g}")
+    return Choice(
+        "axial softening",
+        f"{value:.4g}",
+        f"stretching as stiff as bending: a longer step; the end load strains the filament {value * strain:.2g}",
+    )
 
 
 #: largest strain that the end load may cause in softened filaments
@@ -183,9 +210,15 @@ def _filament_plan(scene: Scene, out: Outline, level: str, choices: list[Choice]
     f, d = out.filament, scene.filament.diameter
     asked = scene.model.spacing
     spacing = d if asked == "auto" else float(asked)
-    choices.append(Choice("bead spacing", f"{spacing:.4g} um at most",
-                          "one diameter: the largest at which beads of neighbouring filaments always meet"
-                          if asked == "auto" else "as asked in the scene"))
+    choices.append(
+        Choice(
+            "bead spacing",
+            f"{spacing:.4g} um at most",
+            "one diameter: the largest at which beads of neighbouring filaments always meet"
+            if asked == "auto"
+            else "as asked in the scene",
+        )
+    )
     tension = scene.ends.tension
     layer = math.sqrt(f.EI / tension) if tension > 0 else scene.assembly.length
     zone = fine_zone(scene, out.height, layer)
@@ -195,8 +228,15 @@ def _filament_plan(scene: Scene, out: Outline, level: str, choices: list[Choice]
     softening = _softening(scene, level)
     choices += [axial, softening, _friction(scene)]
     law = "hooke" if scene.contact.law == "auto" else scene.contact.law
-    choices.append(Choice("contact law", law, "line contact of parallel cylinders, secant at "
-                          f"{scene.contact.line_load * 1e-6:g} N/mm" if law == "hooke" else "crossing cylinders (Hertz, Mindlin)"))
+    choices.append(
+        Choice(
+            "contact law",
+            law,
+            f"line contact of parallel cylinders, secant at {scene.contact.line_load * 1e-6:g} N/mm"
+            if law == "hooke"
+            else "crossing cylinders (Hertz, Mindlin)",
+        )
+    )
     stations, role, extras = plan_beads(scene, f, level, spacing, zone, far)
     # what a bead under the platen stands for: the spacing there
     lo, hi = platen_span(scene)
@@ -204,7 +244,9 @@ def _filament_plan(scene: Scene, out: Outline, level: str, choices: list[Choice]
     bead = float(np.max(np.diff(stations[under]))) if under.sum() > 1 else spacing
     mass = bead * f.mass_per_length
     contact = plan_contact(scene, law, bead, mass, float(softening.value))
-    beads, limit = finish_beads(scene, f, level, stations, role, extras, float(axial.value), contact.tangent_kn, zone, far)
+    beads, limit = finish_beads(
+        scene, f, level, stations, role, extras, float(axial.value), contact.tangent_kn, zone, far
+    )
     step = _checked_step(scene, limit)
     choices.append(step)
     timestep = SAFETY * limit if scene.model.timestep == "auto" else float(scene.model.timestep)
@@ -214,27 +256,56 @@ def _filament_plan(scene: Scene, out: Outline, level: str, choices: list[Choice]
     frequency = float(rod.bending_frequency(span, f.EI, f.mass_per_length, tension=tension))
     if far != "none":  # the zone swings on the soft far field
         frequency = min(frequency, math.sqrt(stiffness / (f.mass_per_length * span)))
-    bodies = Bodies(depths_below_top(out.centres), out.pitch, stiffness, frequency, contact.tangent_kn, mass,
-                    len(out.centres) * len(stations))
+    bodies = Bodies(
+        depths_below_top(out.centres),
+        out.pitch,
+        stiffness,
+        frequency,
+        contact.tangent_kn,
+        mass,
+        len(out.centres) * len(stations),
+    )
     motion, sampling, motion_choices = plan_motion(scene, bodies, timestep, out.displacement)
     choices += motion_choices
     omissions = _common_omissions(scene, level)
     if far == "condensed":
         omissions.append(Omission("filaments beyond the fine zone", why, "within 2 % of graded beads (measured)"))
     if not np.all(beads.role == CONTACT) and far != "none":
-        omissions.append(Omission("contact beyond the fine zone", "filaments there fan out to their supports", "not measured"))
+        omissions.append(
+            Omission("contact beyond the fine zone", "filaments there fan out to their supports", "not measured")
+        )
     if far != "none":
-        choices.append(Choice("bead mass", "numerical beyond the fine zone",
-                              "a quasi-static run needs no inertia: coarse beads weigh what the common step allows"))
+        choices.append(
+            Choice(
+                "bead mass",
+                "numerical beyond the fine zone",
+                "a quasi-static run needs no inertia: coarse beads weigh what the common step allows",
+            )
+        )
     drag = DRAG * frequency
     n_beads = len(out.centres) * len(stations)
     return Plan(
-        level=level, spacing=bead, pitch=out.pitch, width=out.width, height=out.height,
-        n_filaments=len(out.centres), n_beads=n_beads, beads=beads, axial_softening=float(axial.value),
-        timestep=timestep, timestep_limit=limit, drag=drag * mass, turning_drag=drag * rod.SPHERE_INERTIA * mass * d**2,
-        torsion=scene.model.torsion, contact=contact.pair, platens=_platens(scene, contact, hi - lo, edges=True),
-        motion=motion, sampling=sampling, predicted_seconds=_seconds(level, n_beads, motion),
-        choices=tuple(choices), omissions=tuple(omissions),
+        level=level,
+        spacing=bead,
+        pitch=out.pitch,
+        width=out.width,
+        height=out.height,
+        n_filaments=len(out.centres),
+        n_beads=n_beads,
+        beads=beads,
+        axial_softening=float(axial.value),
+        timestep=timestep,
+        timestep_limit=limit,
+        drag=drag * mass,
+        turning_drag=drag * rod.SPHERE_INERTIA * mass * d**2,
+        torsion=scene.model.torsion,
+        contact=contact.pair,
+        platens=_platens(scene, contact, hi - lo, edges=True),
+        motion=motion,
+        sampling=sampling,
+        predicted_seconds=_seconds(level, n_beads, motion),
+        choices=tuple(choices),
+        omissions=tuple(omissions),
         free_span=min(lo, 2 * layer) if lo > 0 else math.inf,
     )
 
@@ -244,8 +315,15 @@ def _section_plan(scene: Scene, out: Outline, level: str, choices: list[Choice])
     f, length, tension = out.filament, scene.assembly.length, scene.ends.tension
     width = length if scene.platens.width == "full" else float(scene.platens.width)
     depth = width if scene.model.depth == "auto" else float(scene.model.depth)
-    choices.append(Choice("depth", f"{depth:.4g} um", "the platen's width: discs touch along all of it"
-                          if scene.model.depth == "auto" else "as asked in the scene"))
+    choices.append(
+        Choice(
+            "depth",
+            f"{depth:.4g} um",
+            "the platen's width: discs touch along all of it"
+            if scene.model.depth == "auto"
+            else "as asked in the scene",
+        )
+    )
     softening = _softening(scene, level)
     choices += [softening, _friction(scene)]
     mass = f.mass_per_length * depth
@@ -253,20 +331,30 @@ def _section_plan(scene: Scene, out: Outline, level: str, choices: list[Choice])
     contact = plan_contact(scene, law, depth, mass, float(softening.value))
     if scene.model.spring == "thesis":
         k = float(support.thesis_mid_span_stiffness(length, f.EI, tension))
-        choices.append(Choice("springs", f"{k:.4g} nN/um", "Eq 7-1 of the thesis, as asked (21 % stiff for a long filament)"))
+        choices.append(
+            Choice("springs", f"{k:.4g} nN/um", "Eq 7-1 of the thesis, as asked (21 % stiff for a long filament)")
+        )
     else:
         loaded = 0.0 if scene.platens.width == "full" else width
         k = 1 / float(rod.platen_compliance(length, f.EI, width=loaded, tension=tension))
-        choices.append(Choice("springs", f"{k:.4g} nN/um",
-                              "a pre-tensioned beam pushed by the platen's two edges, exact"))
+        choices.append(
+            Choice("springs", f"{k:.4g} nN/um", "a pre-tensioned beam pushed by the platen's two edges, exact")
+        )
     turn = {
         "none": 0.0,
         "thesis": float(support.thesis_torsional_stiffness(length, f.GJ)),
         "exact": float(support.mid_span_torsional_stiffness(length, f.GJ)),
     }[scene.model.torsional_spring]
-    choices.append(Choice("torsional springs", f"{turn:.4g} nN um/rad", f"{scene.model.torsional_spring}: "
-                          + {"none": "discs roll freely", "thesis": "GJ/L (Eq 7-2)", "exact": "4 GJ/L, both ends held"}[
-                              scene.model.torsional_spring]))
+    choices.append(
+        Choice(
+            "torsional springs",
+            f"{turn:.4g} nN um/rad",
+            f"{scene.model.torsional_spring}: "
+            + {"none": "discs roll freely", "thesis": "GJ/L (Eq 7-2)", "exact": "4 GJ/L, both ends held"}[
+                scene.model.torsional_spring
+            ],
+        )
+    )
     inertia = DISC_INERTIA * mass * f.diameter**2
     touching = float(rod.contact_stiffness_bound(contact.tangent_kn, inertia=DISC_INERTIA))
     limit = 2 / math.sqrt(max((k + touching) / mass, (turn / inertia + touching / mass)))
@@ -276,22 +364,48 @@ def _section_plan(scene: Scene, out: Outline, level: str, choices: list[Choice])
     bodies = Bodies(depths_below_top(out.centres), out.pitch, k, frequency, contact.tangent_kn, mass, len(out.centres))
     motion, sampling, motion_choices = plan_motion(scene, bodies, timestep, out.displacement)
     choices += motion_choices
-    beads = Beads(stations=np.zeros(1), role=np.zeros(1, dtype=np.int64), mass=np.array([mass]), hinge=np.zeros(1),
-                  support="springs", end_load=0.0)
+    beads = Beads(
+        stations=np.zeros(1),
+        role=np.zeros(1, dtype=np.int64),
+        mass=np.array([mass]),
+        hinge=np.zeros(1),
+        support="springs",
+        end_load=0.0,
+    )
     omissions = [
         *_common_omissions(scene, level),
-        Omission("everything along the filaments", "nothing varies along the length but the bending that the springs stand for",
-                 "springs are linear: too soft once filaments deflect by more than about a tenth of the free span"),
+        Omission(
+            "everything along the filaments",
+            "nothing varies along the length but the bending that the springs stand for",
+            "springs are linear: too soft once filaments deflect by more than about a tenth of the free span",
+        ),
     ]
     n = len(out.centres)
     drag = DRAG * frequency
     return Plan(
-        level=level, spacing=0.0, pitch=out.pitch, width=out.width, height=out.height, n_filaments=n, n_beads=n,
-        beads=beads, axial_softening=1.0, timestep=timestep, timestep_limit=limit, drag=drag * mass,
-        turning_drag=drag * inertia, torsion="none", contact=contact.pair,
-        platens=_platens(scene, contact, depth, edges=False), motion=motion, sampling=sampling,
-        predicted_seconds=_seconds(level, n, motion), choices=tuple(choices), omissions=tuple(omissions),
-        depth=depth, springs=(k, turn),
+        level=level,
+        spacing=0.0,
+        pitch=out.pitch,
+        width=out.width,
+        height=out.height,
+        n_filaments=n,
+        n_beads=n,
+        beads=beads,
+        axial_softening=1.0,
+        timestep=timestep,
+        timestep_limit=limit,
+        drag=drag * mass,
+        turning_drag=drag * inertia,
+        torsion="none",
+        contact=contact.pair,
+        platens=_platens(scene, contact, depth, edges=False),
+        motion=motion,
+        sampling=sampling,
+        predicted_seconds=_seconds(level, n, motion),
+        choices=tuple(choices),
+        omissions=tuple(omissions),
+        depth=depth,
+        springs=(k, turn),
     )
 
 

@@ -128,7 +128,8 @@ class Plan:
     """The least model that the scene asks for, in engine units.
 
     ``depth`` um is the length a section stands for (0 for the other levels); ``springs`` (nN/um, nN um/rad) its
-    springs; ``free_span`` um the length that bends beside a finite platen; ``timestep`` us; ``drag`` nN us/um and ``turning_drag`` nN um us of the background on a contact bead.
+    springs; ``free_span`` um the length that bends beside a finite platen; ``timestep`` us; ``drag`` nN us/um and
+    ``turning_drag`` nN um us of the background on a contact bead.
     """
 
     level: str

@@ -50,14 +50,19 @@ def planned_displacement(scene: Scene, height: float, width: float, n_filaments:
     deepest = height - thinnest
     if stop.displacement is not None:
         if stop.displacement >= deepest:
-            raise InputError("platens.stop.displacement", f"{stop.displacement:g} um",
-                             f"less than {deepest:.4g} um: the assembly is {height:.4g} um high and no thinner than "
-                             f"{thinnest:g} um")
+            raise InputError(
+                "platens.stop.displacement",
+                f"{stop.displacement:g} um",
+                f"less than {deepest:.4g} um: the assembly is {height:.4g} um high and no thinner than {thinnest:g} um",
+            )
         return stop.displacement
     if stop.thickness is not None:
         if not thinnest < stop.thickness < height:
-            raise InputError("platens.stop.thickness", f"{stop.thickness:g} um",
-                             f"between {thinnest:g} um and the height as built ({height:.4g} um)")
+            raise InputError(
+                "platens.stop.thickness",
+                f"{stop.thickness:g} um",
+                f"between {thinnest:g} um and the height as built ({height:.4g} um)",
+            )
         return height - stop.thickness
     # a stop by force or pressure comes where it comes; no later than solid filaments spread to SPREAD times the width
     solid = n_filaments * math.pi * d**2 / 4 / (DENSEST * SPREAD * max(width, height))
@@ -134,12 +139,16 @@ def plan_motion(
         first, last, growth = choose_speed(bodies, d, eps, displacement)
         budget = min(max(BUDGET / bodies.n_beads, LEAST_STEPS), MOST_STEPS)
         faster = film_time(first, last, growth, displacement) / timestep / budget
-        reason = (f"accuracy {eps:g}: v <= eps F/sqrt(kn m) for beads and eps F omega/(k n) for filaments, from "
-                  f"{REFERENCE_DISPLACEMENT * d:.2g} um on; it grows with the force")
+        reason = (
+            f"accuracy {eps:g}: v <= eps F/sqrt(kn m) for beads and eps F omega/(k n) for filaments, from "
+            f"{REFERENCE_DISPLACEMENT * d:.2g} um on; it grows with the force"
+        )
         if faster > EVEN_SPEED:
             first = last = displacement / (budget * timestep)
-            reason = (f"accuracy {eps:g} would take {faster * budget:.2g} steps: even speed instead, to end within "
-                      f"{budget:.2g}; only forces above the one below are quasi-static")
+            reason = (
+                f"accuracy {eps:g} would take {faster * budget:.2g} steps: even speed instead, to end within "
+                f"{budget:.2g}; only forces above the one below are quasi-static"
+            )
         elif faster > 1:
             first, last = first * faster, last * faster
             reason += f"; raised {faster:.3g} times to end within {budget:.2g} steps"
@@ -149,9 +158,13 @@ def plan_motion(
         growth = displacement
         choices.append(Choice("platen speed", f"{first:.4g} m/s", "as asked in the scene"))
     least = bodies.impedance / eps
-    choices.append(Choice("quasi-static above", f"{least * first * 1e-9:.2g} N at first touch, {least * last * 1e-9:.2g} N at "
-                          f"{last:.3g} m/s", "v sqrt(kn m)/eps or v k/(omega eps): below it inertia is more than the accuracy "
-                          "asked for"))
+    choices.append(
+        Choice(
+            "quasi-static above",
+            f"{least * first * 1e-9:.2g} N at first touch, {least * last * 1e-9:.2g} N at {last:.3g} m/s",
+            "v sqrt(kn m)/eps or v k/(omega eps): below it inertia is more than the accuracy asked for",
+        )
+    )
     unload = scene.platens.unload
     phases = 2 if unload else 1
     total = film_time(first, last, growth, displacement) / timestep

@@ -27,8 +27,9 @@ def build_system(scene: Scene, plan: Plan) -> FilamentSystem:
         stations=plan.beads.stations - plan.beads.stations[0] if plan.level != "section" else None,
         twist=a.twist if a.twist_direction == "Z" else -a.twist,
         twist_state=a.twist_state,
-        migration=None if a.migration is None else MigrationSpec(
-            period=a.migration.period, inner=a.migration.minimum_radius),
+        migration=None
+        if a.migration is None
+        else MigrationSpec(period=a.migration.period, inner=a.migration.minimum_radius),
         jitter=a.jitter,
     )
     if plan.level == "section":
@@ -40,5 +41,10 @@ def build_system(scene: Scene, plan: Plan) -> FilamentSystem:
     if not plan.beads.closed:
         return replace(system, positions=positions, box=box)
     box[0] = plan.beads.stations[0], plan.beads.stations[0] + a.length
-    return replace(system, positions=positions, box=box, closed=np.ones(system.n_filaments, dtype=bool),
-                   periodic=np.array([True, False, False]))
+    return replace(
+        system,
+        positions=positions,
+        box=box,
+        closed=np.ones(system.n_filaments, dtype=bool),
+        periodic=np.array([True, False, False]),
+    )
