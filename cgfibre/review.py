@@ -26,6 +26,8 @@ from cgfibre.scene import Scene
 ENERGY_LIMIT = 0.05
 #: mean change of the force on halving the platen speed, over the accuracy asked for, beyond which a run is distrusted
 SPEED_FACTOR = 2.0
+#: speed over the fastest quasi-static one beyond which a run is distrusted without a speed check
+FAST = 2.0
 #: largest slide of filaments under the anvil's edge over the free span beside it
 SLIDE_LIMIT = 0.15
 #: largest turn of a section's disc: its spring's torque k sin(turn) is then 4 % below k turn
@@ -114,6 +116,17 @@ def review_run(
         energy = guards.quasi_static(curve, start, ENERGY_LIMIT)
         found.append(energy)
         ratio = energy.value
+    if plan.motion.last > FAST * plan.motion.fastest:
+        found.append(
+            Guard(
+                "platen speed",
+                False,
+                plan.motion.last,
+                FAST * plan.motion.fastest,
+                f"the platen's {plan.motion.last:.3g} m/s is far above the {plan.motion.fastest:.3g} m/s that accuracy "
+                f"{scene.model.accuracy:g} allows: not quasi-static; lower platens.speed",
+            )
+        )
     if speed is not None:
         limit = SPEED_FACTOR * scene.model.accuracy
         found.append(

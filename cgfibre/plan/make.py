@@ -264,6 +264,7 @@ def _filament_plan(scene: Scene, out: Outline, level: str, choices: list[Choice]
         contact.tangent_kn,
         mass,
         len(out.centres) * len(stations),
+        bends=far == "none",
     )
     motion, sampling, motion_choices = plan_motion(scene, bodies, timestep, out.displacement)
     choices += motion_choices

@@ -94,7 +94,8 @@ class Motion:
     """Platen motion: speeds in um/us, growth length um, phases in steps, earlier stops (inf: none).
 
     v(d) = first (1 + d/growth) until ``last``; unloading runs the same film backwards. At speed v forces above
-    ``quasi_static_impedance`` (nN us/um) times v are within the accuracy asked for.
+    ``quasi_static_impedance`` (nN us/um) times v are within the accuracy asked for. ``fastest`` is the highest speed,
+    at the stop, that a bundle bending between its supports allows (inf where other forces count).
     """
 
     first: float
@@ -107,6 +108,7 @@ class Motion:
     stop_pressure: float
     planned_displacement: float
     quasi_static_impedance: float
+    fastest: float
 
     def quasi_static_force(self, displacement: FloatArray) -> FloatArray:
         """Force at each displacement from which on the motion is quasi-static, nN."""

@@ -75,7 +75,8 @@ class Bodies:
 
     ``depths`` (n,) um of the filaments below the top one; ``pitch`` um; ``stiffness`` nN/um and ``frequency`` rad/us of
     one filament on its supports, under the platen; ``contact_stiffness`` nN/um and ``bead_mass`` pg of a contact;
-    ``n_beads`` of the whole model.
+    ``n_beads`` of the whole model; ``bends``: bending between the supports carries the first forces (not so where a
+    long far field is much softer than contacts).
     """
 
     depths: FloatArray
@@ -85,6 +86,7 @@ class Bodies:
     contact_stiffness: float
     bead_mass: float
     n_beads: int
+    bends: bool = True
 
     @property
     def impedance(self) -> float:
@@ -135,8 +137,9 @@ def plan_motion(
     d = scene.filament.diameter
     eps = scene.model.accuracy
     asked = scene.platens.speed
+    first, last, growth = choose_speed(bodies, d, eps, displacement)
+    fastest = last
     if asked == "auto":
-        first, last, growth = choose_speed(bodies, d, eps, displacement)
         budget = min(max(BUDGET / bodies.n_beads, LEAST_STEPS), MOST_STEPS)
         faster = film_time(first, last, growth, displacement) / timestep / budget
         reason = (
@@ -189,6 +192,7 @@ def plan_motion(
         stop_pressure=stop.pressure if stop.pressure is not None else math.inf,
         planned_displacement=displacement,
         quasi_static_impedance=least,
+        fastest=fastest if bodies.bends else math.inf,
     )
     return motion, Sampling(sample, every, frame, checkpoint), choices
 
