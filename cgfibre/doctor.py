@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 import subprocess
 import tempfile
 from collections.abc import Callable
@@ -10,8 +12,8 @@ from importlib import metadata
 from pathlib import Path
 
 from cgfibre.engine.deck import template_folder
-from cgfibre.engine.lammps import Engine, engine_styles, engine_version, find_engine, mpi_library, run_deck
-from cgfibre.errors import CgfibreError
+from cgfibre.engine.lammps import Engine, engine_help, engine_version, find_engine, mpi_library, run_deck
+from cgfibre.errors import CgfibreError, EngineError
 
 #: styles that the decks use, one a LAMMPS package
 STYLES = ("granular", "bpm/rotational", "wall/gran/region", "cosine")
@@ -73,7 +75,7 @@ def examine(engine: str | None = None, launcher: str | None = None) -> list[Chec
     )
     if checks[-1].ok:
         found = find_engine(engine, launcher)
-        text = engine_styles(found)
+        text = engine_help(found)
         missing = [s for s in STYLES if s not in text]
         checks.append(
             Check(
@@ -97,12 +99,17 @@ def examine(engine: str | None = None, launcher: str | None = None) -> list[Chec
 
 
 def _probe(engine: Engine, ranks: int) -> str:
+    """Run an empty box on ``ranks`` ranks; a launcher of another MPI starts as many runs of one rank instead."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "in.probe").write_text("units micro\nregion b block 0 1 0 1 0 1\ncreate_box 1 b\nmass 1 1\n")
         wall = run_deck(engine, folder, "in.probe", ranks)
-        found = "MPI tasks" if False else f"{wall:.1f} s"
-        return found
+        grid = re.search(r"(\d+) by (\d+) by (\d+) MPI processor grid", (folder / "log.lammps").read_text())
+    if grid is None or math.prod(int(n) for n in grid.groups()) != ranks:
+        raise EngineError(
+            f"the launcher did not give {ranks} ranks", "use the mpiexec of the MPI that LAMMPS was built with"
+        )
+    return f"{wall:.1f} s"
 
 
 def _write() -> str:

@@ -124,8 +124,8 @@ def find_engine(engine: str | None = None, launcher: str | None = None) -> Engin
     return Engine(str(binary), tuple(shlex.split(found)), env, always_launch=launcher is not None)
 
 
-def engine_version(engine: Engine) -> str:
-    """Version text of the executable, such as "22 Jul 2025 - Update 4"; raises EngineError when it does not start."""
+def engine_help(engine: Engine) -> str:
+    """Help text of the executable: version, packages, styles; raises EngineError when it does not run."""
     try:
         out = subprocess.run(
             [engine.executable, "-h"],
@@ -138,26 +138,16 @@ def engine_version(engine: Engine) -> str:
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise EngineError(f"{engine.executable} does not start: {error}", "run cgfibre doctor") from error
-    found = re.search(r"Massively Parallel Simulator - (.+)", out.stdout)
-    if out.returncode != 0 or not found:
-        raise EngineError(
-            f"{engine.executable} does not run: {(out.stderr or out.stdout).strip()[:200]}", "run cgfibre doctor"
-        )
-    return found.group(1).strip()
-
-
-def engine_styles(engine: Engine) -> str:
-    """Help text of the executable, which lists packages and styles."""
-    out = subprocess.run(
-        [engine.executable, "-h"],
-        env=dict(engine.environment),
-        capture_output=True,
-        text=True,
-        timeout=60,
-        stdin=subprocess.DEVNULL,
-        check=False,
-    )
+    if out.returncode != 0 or "Massively Parallel Simulator" not in out.stdout:
+        message = (out.stderr or out.stdout).strip()[:200]
+        raise EngineError(f"{engine.executable} does not run: {message}", "run cgfibre doctor")
     return out.stdout
+
+
+def engine_version(engine: Engine) -> str:
+    """Version text of the executable, such as "22 Jul 2025 - Update 4"; raises EngineError when it does not run."""
+    found = re.search(r"Massively Parallel Simulator - (.+)", engine_help(engine))
+    return found.group(1).strip() if found else "unknown"
 
 
 def _die_with_parent() -> None:
