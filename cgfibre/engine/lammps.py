@@ -24,6 +24,7 @@ from pathlib import Path
 from cgfibre.errors import EngineError, InputError
 
 MPI_LIBRARY = "libmpi.so.12"
+WRONG_ENGINE = "check the path and that it is LAMMPS (--engine, CGFIBRE_LMP); cgfibre doctor looks at the rest"
 #: name in the log -> what a user can do about it
 REMEDIES: tuple[tuple[str, str, str], ...] = (
     (r"Lost atoms", "beads left the box", "halve the time step (--set model.timestep=...) or the platen speed"),
@@ -137,10 +138,10 @@ def engine_help(engine: Engine) -> str:
             check=False,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise EngineError(f"{engine.executable} does not start: {error}", "run cgfibre doctor") from error
+        raise EngineError(f"{engine.executable} does not start: {error}", WRONG_ENGINE) from error
     if out.returncode != 0 or "Massively Parallel Simulator" not in out.stdout:
         message = (out.stderr or out.stdout).strip()[:200]
-        raise EngineError(f"{engine.executable} does not run: {message}", "run cgfibre doctor")
+        raise EngineError(f"{engine.executable} does not run: {message}", WRONG_ENGINE)
     return out.stdout
 
 
