@@ -385,9 +385,10 @@ def _section_plan(scene: Scene, out: Outline, level: str, choices: list[Choice])
         omissions.append(
             Omission(
                 "sag between the anvil's edges",
-                "a slice moves as the anvil's edges do; filaments sag further in between (2.1 times at mid-span for 0.5 mm "
-                "on 0.7 mm) and meet their neighbours earlier",
-                "forces of carbon-37 are 15 to 25 % below the chain level's to 10 um, half of them at 14 to 22 um (measured)",
+                "a slice moves as the anvil's edges do; filaments sag further in between (2.1 times at mid-span for "
+                "0.5 mm on 0.7 mm) and meet their neighbours earlier",
+                "forces of carbon-37 are 15 to 25 % below the chain level's to 10 um, half of them at 14 to 22 um "
+                "(measured)",
             )
         )
     n = len(out.centres)
