@@ -184,12 +184,17 @@ def run_scene(
             # a copy for convenience: on a full disk it must not hide the engine's own error
             with suppress(OSError):
                 shutil.copyfile(folder / "log.lammps", out / "log.lammps")
+        before = time.perf_counter()
         check.wait(note)
-    return _finish(out, scene, plan, system, _facts(engine, engine_s, begin, options))
-
-
-def _facts(engine: Engine, engine_s: float, begin: float, options: RunOptions) -> dict[str, Any]:
-    return {"engine_s": engine_s, "engine_version": engine_version(engine), "ranks": options.ranks, "begin": begin}
+        waited = time.perf_counter() - before
+    facts = {
+        "engine_s": engine_s,
+        "speed_check_wait_s": waited,
+        "engine_version": engine_version(engine),
+        "ranks": options.ranks,
+        "begin": begin,
+    }
+    return _finish(out, scene, plan, system, facts)
 
 
 def _check_same_scene(out: Path, scene: Scene) -> None:
@@ -312,7 +317,9 @@ def measure_folder(out: Path) -> RunResult:
         old = json.loads((out / "summary.json").read_text())
     elif (out / "results.h5").exists():
         old = store.read_results(out / "results.h5").summary
-    facts = {key: old.get(key) for key in ("engine_s", "engine_version", "ranks", "wall_s", "stopped")}
+    facts = {
+        key: old.get(key) for key in ("engine_s", "speed_check_wait_s", "engine_version", "ranks", "wall_s", "stopped")
+    }
     if old.get("speed_error") is not None:
         facts["speed"] = {"mean": old["speed_error"], "worst": old["speed_error_worst"]}
     if (out / "scene.toml").exists():
@@ -408,6 +415,7 @@ def _summary(
         "platen_speed_last_m_per_s": plan.motion.last,
         "wall_s": facts.get("wall_s"),
         "engine_s": facts.get("engine_s"),
+        "speed_check_wait_s": facts.get("speed_check_wait_s"),
         "engine_version": facts.get("engine_version"),
         "ranks": facts.get("ranks"),
         "peak_force_N": float(curve["force_top_N"][peak]),
