@@ -477,6 +477,8 @@ def start(scene, out, *arguments, text=None):
         stdout=subprocess.DEVNULL,
         stderr=text or subprocess.DEVNULL,
         start_new_session=True,
+        # a test run in the background of a shell inherits that Ctrl-C is ignored
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
 
 
