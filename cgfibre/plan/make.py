@@ -31,6 +31,7 @@ from cgfibre.scene import Scene
 DRAG = 0.05
 #: seconds a bead and step on one core, measured on carbon-37; the calibrated cost model is still to come
 COST = {"chain": 8e-8, "rod": 6e-7, "section": 3e-7}
+STEP_COST = 1.5e-5  # seconds a step, however few the beads
 #: of contacts: beads need no smaller step for the real stiffness than bending asks for; a section's discs do
 CONTACT_SOFTENING = {"chain": 1.0, "rod": 1.0, "section": 10.0}
 MAX_AXIAL_SOFTENING = 30.0
@@ -423,7 +424,7 @@ def _section_plan(scene: Scene, out: Outline, level: str, choices: list[Choice])
 def _seconds(level: str, n_beads: int, motion: Motion) -> float:
     """Predicted engine seconds on one core."""
     steps = motion.load_steps * (2 if motion.unload else 1) + motion.hold_steps
-    return COST[level] * n_beads * steps
+    return (STEP_COST + COST[level] * n_beads) * steps
 
 
 PLANNERS: dict[str, Callable[[Scene, Outline, str, list[Choice]], Plan]] = {
