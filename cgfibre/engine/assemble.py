@@ -238,6 +238,7 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
     parameters = _common(system, plan) | {
         "ghost_cutoff_um": _ghost_cutoff(system, plan),
         "bin_um": _bin_size(system),
+        "ranks_along_x": "*" if plan.beads.far_field == "none" else "1",
         "angle_style": style,
         "torsion": plan.torsion,
         "support": plan.beads.support,
@@ -250,8 +251,8 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
 
 
 def _ghost_cutoff(system: FilamentSystem, plan: Plan) -> float:
-    """Reach of ghost beads, um. Ranks share the filaments out across y and z, never along x, so the long bonds of a far
-    field need no reach."""
+    """Reach of ghost beads, um. With a far field ranks share the filaments out across y and z, never along x, so its
+    long bonds need no reach."""
     return 2.5 * plan.spacing + float(np.max(system.diameter)) + 2.0
 
 
@@ -375,6 +376,7 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
     parameters = _common(system, plan) | {
         "ghost_cutoff_um": _ghost_cutoff(system, plan),
         "bin_um": _bin_size(system),
+        "ranks_along_x": "*" if plan.beads.far_field == "none" else "1",
         "turning_drag": plan.turning_drag,
         "bond_types": len(first_row),
         "angle_types": len(first_angle),
