@@ -11,7 +11,7 @@ from pathlib import Path
 from cgfibre.workflow import RunOptions, measure_folder, run_scene
 
 ROOT = Path(__file__).resolve().parent.parent
-PICTURES = ("curve.png", "sections.png", "bundle.png", "energy.png")
+PICTURES = ("curve.png", "sections.png", "bundle.png")
 
 
 def main() -> None:
