@@ -26,6 +26,8 @@ from cgfibre.scene import Scene
 ENERGY_LIMIT = 0.05
 #: mean change of the force on halving the platen speed, over the accuracy asked for, beyond which a run is distrusted
 SPEED_FACTOR = 2.0
+#: pressures at which the summary gives the thickness, MPa
+PRESSURES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 #: speed over the fastest quasi-static one beyond which a run is distrusted without a speed check
 FAST = 2.0
 #: largest slide of filaments under the anvil's edge over the free span beside it
@@ -349,16 +351,23 @@ def _contact_row(plan: Plan, system: FilamentSystem, positions: FloatArray) -> d
 
 
 def fit_curve(plan: Plan, curve: Curve) -> dict[str, Any]:
-    """Power law eps = a p^b over the quasi-static part of the loading branch, tangent modulus there, hysteresis."""
+    """Hysteresis, thickness at fixed pressures; over the quasi-static part of loading the power law eps = a p^b with its
+    tangent modulus, and Poisson's ratio at the stop."""
     loading = curve.loading & (curve["force_top_N"] * 1e9 > plan.motion.quasi_static_force(curve["displacement_um"]))
-    thickness = float(curve["thickness_um"][0])
     fits: dict[str, Any] = {}
-    strain = compaction.compressive_strain(curve["displacement_um"], thickness)
+    if np.any(curve.unloading):
+        loop = compaction.hysteresis(curve["displacement_um"], curve["force_top_N"], curve.phase)
+        fits["hysteresis"] = {"loss_J": loop.loss * 1e-6, "fraction": loop.fraction}
+    at = compaction.thickness_at_pressure(
+        curve["thickness_um"][curve.loading], curve["pressure_MPa"][curve.loading], np.array(PRESSURES)
+    )
+    fits["thickness_um_at_MPa"] = {f"{p:g}": float(h) for p, h in zip(PRESSURES, at, strict=True)}
+    strain = compaction.compressive_strain(curve["displacement_um"], float(curve["thickness_um"][0]))[loading]
+    pressure = curve["pressure_MPa"][loading]
     try:
-        law = compaction.fit_power_law(curve["pressure_MPa"][loading], strain[loading])
+        law = compaction.fit_power_law(pressure, strain)
     except InputError:
         return fits
-    last = float(strain[loading][-1])
     fits["power_law"] = {
         "a": law.a,
         "b": law.b,
@@ -366,11 +375,10 @@ def fit_curve(plan: Plan, curve: Curve) -> dict[str, Any]:
         "b_error": law.b_error,
         "r_squared": law.r_squared,
         "window_MPa": list(law.window),
-        "tangent_modulus_MPa_at_stop": float(law.modulus(last)),
+        "tangent_modulus_MPa_at_stop": float(law.modulus(float(strain[-1]))),
     }
-    if np.any(curve.unloading):
-        loop = compaction.hysteresis(curve["displacement_um"], curve["force_top_N"], curve.phase)
-        fits["hysteresis"] = {"loss_J": loop.loss * 1e-6, "fraction": loop.fraction}
+    ratio = compaction.poisson_ratio(curve.width_um[curve.loading], curve["thickness_um"][curve.loading])
+    fits["poisson_ratio_at_stop"] = float(ratio[-1])
     return fits
 
 

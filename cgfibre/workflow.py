@@ -450,14 +450,6 @@ def default_out(source: str | Path) -> Path:
     return Path("results") / Path(str(source)).stem
 
 
-def writable(folder: Path) -> bool:
-    """Whether files can be made in ``folder`` or, where it does not exist, in the nearest folder above."""
-    folder = folder.resolve()
-    while not folder.exists():
-        folder = folder.parent
-    return os.access(folder, os.W_OK)
-
-
 __all__ = [
     "Extremes",
     "Frames",
@@ -471,5 +463,4 @@ __all__ = [
     "plan_dict",
     "plan_scene",
     "run_scene",
-    "writable",
 ]
