@@ -351,8 +351,8 @@ def _contact_row(plan: Plan, system: FilamentSystem, positions: FloatArray) -> d
 
 
 def fit_curve(plan: Plan, curve: Curve) -> dict[str, Any]:
-    """Hysteresis, thickness at fixed pressures; over the quasi-static part of loading the power law eps = a p^b with its
-    tangent modulus, and Poisson's ratio at the stop."""
+    """Hysteresis, thickness at fixed pressures; over the quasi-static part of loading the power law eps = a p^b with
+    its tangent modulus, and Poisson's ratio at the stop."""
     loading = curve.loading & (curve["force_top_N"] * 1e9 > plan.motion.quasi_static_force(curve["displacement_um"]))
     fits: dict[str, Any] = {}
     if np.any(curve.unloading):
