@@ -189,6 +189,23 @@ def test_the_end_load_is_in_equilibrium_as_built_and_stretches_by_EA(tmp_path, m
         assert pulled == pytest.approx(P / EA * (2 * inner / (1 + P / EA) + outer), rel=1e-8)
 
 
+def test_a_periodic_cell_carries_the_tension_without_ends(tmp_path):
+    """Symmetry ends: every bond is stretched by P/EA' from the start, nothing moves; rods refuse what they cannot lay
+    out."""
+    P = 4e5
+    changes = {"ends.support": "symmetry", "ends.tension": f"{P} nN", "assembly.length": f"{L} um"}
+    plan, system = planned(changes | {"model.level": "chain"})
+    deck = assemble(system, plan)
+    bond = next(t for t in deck.data.topologies if t.name == "Bond")
+    rest = np.array(bond.coefficients)[bond.kind, 1]
+    EA = system.types[0].EA / plan.axial_softening
+    np.testing.assert_allclose(EA * (system.bond_lengths() / rest - 1), P, rtol=1e-6)
+    out = run(tmp_path, system, moved(plan, 1e-3, 4000), **AWAY)
+    assert np.max(out.record.mean["kinetic"]) < 1e-9 * P * L * P / EA
+    with pytest.raises(InputError, match="periodic rod"):
+        assemble(*reversed(planned(changes | {"model.level": "rod"})))
+
+
 # --- twist -----------------------------------------------------------------------------------------------------------
 
 

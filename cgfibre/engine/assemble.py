@@ -166,6 +166,8 @@ def _strain(system: FilamentSystem, plan: Plan) -> FloatArray:
     bonds = system.bonds()
     filament = system.filament_of_bead[bonds[:, 0]]
     EA = np.array([k.EA for k in t])[system.filament_type[filament]]
+    if plan.beads.closed:  # no ends to pull: the tension is built in
+        return plan.axial_softening * (system.prestrain[filament] + plan.beads.tension / EA)
     right = np.tile(plan.beads.role == RIGHT, system.n_filaments)
     # every held bead is loaded: a bond between two of them carries the outer one's share
     loaded = np.where(right[bonds[:, 0]] & right[bonds[:, 1]], 1, max(1, int(np.sum(plan.beads.role == RIGHT))))
@@ -307,6 +309,13 @@ def _dihedrals(system: FilamentSystem) -> Topology:
 def _rod(system: FilamentSystem, plan: Plan) -> Deck:
     if len(system.types) != 1:
         raise InputError("filament", f"{len(system.types)} kinds", "one kind of filament at level rod")
+    if plan.beads.closed and (plan.beads.tension or np.any(system.prestrain)):
+        raise InputError(
+            "ends.tension",
+            f"{plan.beads.tension:g} nN",
+            "0 N (and no twist cut to length) with symmetry ends at level rod: a periodic rod cannot be laid out in "
+            'its natural length; or level = "chain"',
+        )
     role, mass = _along(system, plan)
     kind = system.types[0]
     bonds, angles = system.bonds(), system.angles()

@@ -187,6 +187,7 @@ def finish_beads(
         hinge=hinge,
         support={"symmetry": "periodic"}.get(support, "condensed" if extras else "simple"),
         end_load=tension / held if held else 0.0,
+        tension=tension,
         far_spring=(extras["transverse"], extras["axial"]) if extras else (0.0, 0.0),
         closed=closed,
         far_field=far_field,

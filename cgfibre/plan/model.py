@@ -40,7 +40,8 @@ class Beads:
 
     ``stations`` (n,) um; ``role`` (n,) int; ``mass`` (n,) pg; ``hinge`` (n,) nN um, the angle stiffness K of angle
     cosine at each station (0 where there is no angle); ``far_spring`` (transverse, axial) nN/um of a condensed far
-    field's end beads; ``support`` names the deck's include; ``end_load`` nN on each bead of the right support.
+    field's end beads; ``support`` names the deck's include; ``end_load`` nN on each bead of the right support;
+    ``tension`` nN in every filament as built (closed ones carry it without an end).
     """
 
     stations: FloatArray
@@ -49,6 +50,7 @@ class Beads:
     hinge: FloatArray
     support: str
     end_load: float
+    tension: float = 0.0
     far_spring: tuple[float, float] = (0.0, 0.0)
     closed: bool = False
     far_field: str = "none"
