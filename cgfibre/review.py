@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cgfibre.build.system import FilamentSystem, FloatArray
-from cgfibre.engine.assemble import crimp_cylinders, platen_heights
+from cgfibre.engine.assemble import beads_under, crimp_cylinders, platen_heights
 from cgfibre.engine.collect import Extremes
 from cgfibre.errors import InputError
 from cgfibre.measure import compaction, distribution, guards
@@ -168,7 +168,7 @@ def _guards(plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames, sw
     found.append(guards.filaments_through_each_other(system, frames, swaps))
     for side, span in enumerate((plan.platens.top_span, plan.platens.bottom_span)):
         # a platen presses the beads that were built under it, wherever they slide
-        pressed = _built_under(plan, system, span)
+        pressed = beads_under(system, plan, span)
         gaps = [[platen_gaps(plan, system, float(d))[side]] for d in frames.displacement_um]
         found.append(
             guards.beads_past_platen(
@@ -183,22 +183,13 @@ def _guards(plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames, sw
     return found
 
 
-def _built_under(plan: Plan, system: FilamentSystem, span: tuple[float, float] | None) -> np.ndarray:
-    """(n_beads,) bool: beads that a platen acts on."""
-    if plan.level == "section":
-        return np.ones(system.n_beads, dtype=bool)
-    role = np.tile(plan.beads.role, system.n_filaments)
-    x = system.positions[:, 0]
-    return (role == 0) if span is None else (role == 0) & (x > span[0] - 1e-3) & (x < span[1] + 1e-3)
-
-
 def _slide_guard(plan: Plan, system: FilamentSystem, frames: Frames) -> Guard:
     """How far filaments slid under the anvil's edges, over the free span that bends beside them.
 
     The edge presses the bead built under it, also where that slides inwards: the free span then grows by as much.
     """
     lo, hi = plan.platens.top_span or (0.0, 0.0)
-    pressed = _built_under(plan, system, (lo, hi))
+    pressed = beads_under(system, plan, (lo, hi))
     x = system.positions[pressed, 0]
     edge = np.flatnonzero(pressed)[(np.abs(x - lo) < 1e-3) | (np.abs(x - hi) < 1e-3)]
     slide = float(np.max(np.abs(frames.positions[:, edge, 0] - system.positions[edge, 0]), initial=0.0))

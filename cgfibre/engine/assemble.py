@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
 from cgfibre.engine.datafile import DataFile, Topology, group_types
@@ -14,6 +15,7 @@ from cgfibre.errors import InputError
 from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, Contact, Plan
 
 ROLES = 5
+EDGE = 1e-3  # um: a bead that stands on a platen's edge counts as under it
 #: smallest rest bend at which angle harmonic is safe: below 1 mrad it is silently wrong (lammps-findings)
 HARMONIC_BEND = 0.01
 #: a rod's angles carry this part of EI/s: they measure bending energy, see in.rod
@@ -40,16 +42,24 @@ def pair_words(contact: Contact) -> str:
     )
 
 
+def beads_under(system: FilamentSystem, plan: Plan, span: tuple[float, float] | None) -> npt.NDArray[np.bool_]:
+    """(n_beads,) bool: beads that a platen of this span presses, as built (None: a platen without edges)."""
+    if plan.level == "section":
+        return np.ones(system.n_beads, dtype=bool)
+    touching = np.tile(plan.beads.role, system.n_filaments) == CONTACT
+    if span is None:
+        return touching
+    x = system.positions[:, 0]
+    return touching & (x > span[0] - EDGE) & (x < span[1] + EDGE)
+
+
 def platen_heights(system: FilamentSystem, plan: Plan) -> tuple[float, float]:
     """(top, bottom) z of the flat platens at first touch, um: where they meet the assembly as built."""
     radius = system.diameter[system.filament_of_bead] / 2
-    role = np.tile(plan.beads.role, system.n_filaments) if plan.level != "section" else np.zeros(system.n_beads)
-    x, z = system.positions[:, 0], system.positions[:, 2]
+    z = system.positions[:, 2]
 
     def reach(span: tuple[float, float] | None, sign: float) -> float:
-        under = role == CONTACT
-        if span is not None:
-            under &= (x > span[0] - 1e-6) & (x < span[1] + 1e-6)
+        under = beads_under(system, plan, span)
         return float(sign * np.max(sign * z[under] + radius[under]))
 
     return reach(plan.platens.top_span, 1.0), reach(plan.platens.bottom_span, -1.0)
@@ -68,10 +78,6 @@ def _density(mass: FloatArray, diameter: FloatArray) -> FloatArray:
     return mass / (math.pi / 6 * diameter**3)
 
 
-def _box(system: FilamentSystem) -> FloatArray:
-    return np.asarray(system.box, dtype=float)
-
-
 MAX_BINS = 3e6
 
 
@@ -84,7 +90,7 @@ def _bin_size(system: FilamentSystem) -> float:
 
 
 def _span_words(span: tuple[float, float] | None) -> tuple[float | str, float | str]:
-    return ("INF", "INF") if span is None else (span[0] - 1e-3, span[1] + 1e-3)
+    return ("INF", "INF") if span is None else (span[0] - EDGE, span[1] + EDGE)
 
 
 def _common(system: FilamentSystem, plan: Plan) -> dict[str, float | int | str]:
@@ -232,7 +238,7 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
         ],
         atom_format=["%d", "%.17g", "%.17g", "%.17g", "%.17g", "%.17g", "%d"],
         n_types=n_types,
-        box=_box(system),
+        box=system.box,
         pair_style="granular",
         pair_rows=_pair_rows(n_types, plan.contact),
         topologies=topologies,
@@ -353,7 +359,7 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
     angle_kind, first_angle = group_types(gauge)
     diameter = np.full(beads, kind.diameter)
     n_types = ROLES
-    box = _box(system).copy()
+    box = system.box.copy()
     if not plan.beads.closed:
         # grips stand a segment beyond the ends, which is far where the beads are coarse
         reach = np.concatenate([natural[:, 0], positions[:, 0]])
@@ -429,7 +435,7 @@ def _section(system: FilamentSystem, plan: Plan) -> Deck:
     diameter = system.diameter
     n = system.n_filaments
     mass = np.full(n, plan.beads.mass[0])
-    box = _box(system)
+    box = system.box
     zero = np.zeros(n)
     n_types = ROLES * len(system.types)
     data = DataFile(

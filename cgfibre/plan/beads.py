@@ -36,20 +36,20 @@ def fine_zone(scene: Scene, height: float, bending_length: float) -> tuple[float
     return max(0.0, lo - margin), min(length, hi + margin)
 
 
+def _centred(length: float, width: float | str) -> tuple[float, float]:
+    span = length if width == "full" else float(width)
+    return (length - span) / 2, (length + span) / 2
+
+
 def platen_span(scene: Scene) -> tuple[float, float]:
     """x of the top platen's edges, um."""
-    length = scene.assembly.length
-    width = length if scene.platens.width == "full" else float(scene.platens.width)
-    return (length - width) / 2, (length + width) / 2
+    return _centred(scene.assembly.length, scene.platens.width)
 
 
 def bottom_span(scene: Scene) -> tuple[float, float]:
     """x of the bottom platen's edges, um; as the top one unless the scene says otherwise."""
-    length, asked = scene.assembly.length, scene.platens.bottom_width
-    if asked is None:
-        return platen_span(scene)
-    width = length if asked == "full" else float(asked)
-    return (length - width) / 2, (length + width) / 2
+    asked = scene.platens.bottom_width
+    return platen_span(scene) if asked is None else _centred(scene.assembly.length, asked)
 
 
 def choose_far_field(scene: Scene, level: str, zone: tuple[float, float]) -> tuple[str, str]:
