@@ -103,7 +103,7 @@ def _probe(engine: Engine, ranks: int) -> str:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "in.probe").write_text("units micro\nregion b block 0 1 0 1 0 1\ncreate_box 1 b\nmass 1 1\n")
-        wall = run_deck(engine, folder, "in.probe", ranks)
+        wall = run_deck(engine, folder, "in.probe", ranks).wall
         grid = re.search(r"(\d+) by (\d+) by (\d+) MPI processor grid", (folder / "log.lammps").read_text())
     if grid is None or math.prod(int(n) for n in grid.groups()) != ranks:
         raise EngineError(

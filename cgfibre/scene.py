@@ -566,12 +566,12 @@ def _check_widths(scene: Scene) -> None:
 
 
 def _check_spacing(scene: Scene) -> None:
-    spacing, diameter = scene.model.spacing, scene.filament.diameter
-    if isinstance(spacing, float) and not diameter / 20.0 <= spacing <= diameter:
-        expected = (
-            f"'auto' or a length from {_length_um(diameter / 20.0)} to the diameter, {_length_um(diameter)}: beads "
-            "further apart miss each other"
-        )
+    spacing, diameter, length = scene.model.spacing, scene.filament.diameter, scene.assembly.length
+    alone = scene.assembly.count == 1
+    most = length / 4 if alone else diameter
+    if isinstance(spacing, float) and not diameter / 20.0 <= spacing <= most:
+        why = "a quarter of the length" if alone else "the diameter: beads further apart miss each other"
+        expected = f"'auto' or a length from {_length_um(diameter / 20.0)} to {_length_um(most)}, {why}"
         raise _refusal("model.spacing", scene.model._shown("spacing"), expected)
 
 

@@ -25,7 +25,7 @@ from cgfibre.engine.collect import Extremes, read_run
 from cgfibre.engine.datafile import write_data
 from cgfibre.engine.deck import write_deck
 from cgfibre.engine.dump import last_row, mend_tables, read_states
-from cgfibre.engine.lammps import Engine, engine_version, find_engine, run_deck
+from cgfibre.engine.lammps import Engine, EngineTime, engine_version, find_engine, run_deck
 from cgfibre.errors import EngineError, InputError, StoreError
 from cgfibre.measure.guards import Guard
 from cgfibre.pictures import PICTURES, draw_all
@@ -176,7 +176,7 @@ def run_scene(
         _write_deck(folder, scene, plan, system)
     with _SpeedCheck(scene, plan, system, options, engine) as check:
         try:
-            engine_s = _run_engine(engine, folder, plan, options, progress, note)
+            spent = _run_engine(engine, folder, plan, options, progress, note)
         except EngineError as error:
             _keep_what_there_is(out, scene, plan, system, str(error), begin)
             raise
@@ -188,7 +188,8 @@ def run_scene(
         check.wait(note)
         waited = time.perf_counter() - before
     facts = {
-        "engine_s": engine_s,
+        "engine_s": spent.wall,
+        "engine_cpu_s": spent.cpu,
         "speed_check_wait_s": waited,
         "engine_version": engine_version(engine),
         "ranks": options.ranks,
@@ -215,13 +216,13 @@ def _run_engine(
     progress: Progress | None = None,
     note: Callable[[str], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
-) -> float:
-    """Run or resume the deck in ``folder``; returns the engine's seconds."""
+) -> EngineTime:
+    """Run or resume the deck in ``folder``; returns the time that the engine took."""
     variables: dict[str, str] = {}
     if options.resume:
         states = read_states(folder)
         if states and states[0].phase >= 3:
-            return 0.0
+            return EngineTime(0.0, 0.0)
         if states:
             variables = {"resume": "1", "state": states[0].file}
             mend_tables(folder)
@@ -250,7 +251,7 @@ class _SpeedCheck:
         self._wanted = scene.model.speed_check
         self._given_up = threading.Event()
         self._pool = ThreadPoolExecutor(1)
-        self._future: Future[float] | None = None
+        self._future: Future[EngineTime] | None = None
         self._folder = options.out / "half-speed"
         self._arguments = (engine, self._folder, half_speed(plan), options)
         if self._wanted and not (options.resume and (self._folder / "system.data").exists()):
@@ -301,7 +302,7 @@ def _keep_what_there_is(out: Path, scene: Scene, plan: Plan, system: FilamentSys
             scene,
             plan,
             system,
-            {"engine_s": None, "engine_version": None, "ranks": None, "begin": begin, "stopped": reason},
+            {"begin": begin, "stopped": reason},
         )
     except (StoreError, InputError, ValueError, OSError):
         return
@@ -318,7 +319,16 @@ def measure_folder(out: Path) -> RunResult:
     elif (out / "results.h5").exists():
         old = store.read_results(out / "results.h5").summary
     facts = {
-        key: old.get(key) for key in ("engine_s", "speed_check_wait_s", "engine_version", "ranks", "wall_s", "stopped")
+        key: old.get(key)
+        for key in (
+            "engine_s",
+            "engine_cpu_s",
+            "speed_check_wait_s",
+            "engine_version",
+            "ranks",
+            "wall_s",
+            "stopped",
+        )
     }
     if old.get("speed_error") is not None:
         facts["speed"] = {"mean": old["speed_error"], "worst": old["speed_error_worst"]}
@@ -415,6 +425,7 @@ def _summary(
         "platen_speed_last_m_per_s": plan.motion.last,
         "wall_s": facts.get("wall_s"),
         "engine_s": facts.get("engine_s"),
+        "engine_cpu_s": facts.get("engine_cpu_s"),
         "speed_check_wait_s": facts.get("speed_check_wait_s"),
         "engine_version": facts.get("engine_version"),
         "ranks": facts.get("ranks"),

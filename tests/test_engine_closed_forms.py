@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from engine_systems import Outcome, moved, planned, pressed_at, run
 
 from cgfibre.build.bundle import BundleSpec, build_bundle, build_section
 from cgfibre.build.system import FilamentSystem
+from cgfibre.cases.experiment import Outcome, moved, planned, pressed_at, run
 from cgfibre.engine.assemble import assemble, rest_bends
 from cgfibre.errors import EngineError, InputError
 from cgfibre.mechanics import rod, support

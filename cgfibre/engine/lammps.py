@@ -157,6 +157,14 @@ def _die_with_parent() -> None:
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)
 
 
+@dataclass(frozen=True)
+class EngineTime:
+    """Seconds that an engine took: ``wall`` on the clock, ``cpu`` on the processors, all ranks together."""
+
+    wall: float
+    cpu: float
+
+
 def run_deck(
     engine: Engine,
     folder: Path,
@@ -165,8 +173,8 @@ def run_deck(
     variables: Mapping[str, str] | None = None,
     poll: Callable[[], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
-) -> float:
-    """Run ``deck`` in ``folder`` until it ends; returns the engine's wall time in seconds.
+) -> EngineTime:
+    """Run ``deck`` in ``folder`` until it ends; returns the time that the engine took.
 
     ``variables`` go to the deck as ``-var``; ``poll`` is called about five times a second while the engine runs, and
     ``cancelled`` asked whether to stop it. The log is ``log.lammps`` in the folder; that of an earlier run there is
@@ -195,17 +203,20 @@ def run_deck(
             preexec_fn=_die_with_parent,
         )
         try:
-            wait = 0.02
-            while True:
-                try:
-                    process.wait(timeout=wait)
-                    break
-                except subprocess.TimeoutExpired:
-                    wait = 0.2
+            ended, status, usage = os.wait4(process.pid, os.WNOHANG)
+            nap, polled = 0.01, start
+            while not ended:
+                time.sleep(nap)
+                nap = min(1.5 * nap, 0.1)
+                if time.perf_counter() - polled > 0.2:
+                    polled = time.perf_counter()
                     if poll is not None:
                         poll()
                     if cancelled is not None and cancelled():
-                        raise EngineError("the run was given up", "go on with --resume") from None
+                        raise EngineError("the run was given up", "go on with --resume")
+                # of our own, for the processor time of this engine alone
+                ended, status, usage = os.wait4(process.pid, os.WNOHANG)
+            process.returncode = os.waitstatus_to_exitcode(status)
         except BaseException:
             process.terminate()
             try:
@@ -213,12 +224,12 @@ def run_deck(
             except subprocess.TimeoutExpired:
                 process.kill()
             raise
-    wall = time.perf_counter() - start
+    spent = EngineTime(time.perf_counter() - start, usage.ru_utime + usage.ru_stime)
     if process.returncode != 0:
         raise EngineError(*_diagnose(process.returncode, log, errors))
     if errors.stat().st_size == 0:
         errors.unlink()
-    return wall
+    return spent
 
 
 def _diagnose(code: int, log: Path, errors: Path) -> tuple[str, str]:

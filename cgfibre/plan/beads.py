@@ -107,7 +107,9 @@ def plan_beads(
         stations = stations[:-1]  # a closed filament: the last station is the first of the next cell
     gaps = np.diff(stations)
     widest = np.maximum(np.append(gaps, gaps[-1]), np.insert(gaps, 0, gaps[0]))
-    role = np.where(widest <= filament.diameter * (1 + 1e-9), CONTACT, FREE)
+    # one filament alone has no neighbours for its beads to miss
+    reach = filament.diameter if scene.assembly.count > 1 else np.inf
+    role = np.where(widest <= reach * (1 + 1e-9), CONTACT, FREE)
     if support != "symmetry":
         held = 2 if support == "clamped" else 1
         role[:held], role[-held:] = LEFT, RIGHT

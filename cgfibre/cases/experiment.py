@@ -1,4 +1,4 @@
-"""Small assemblies through the engine's own decks: what the closed-form tests share."""
+"""Small assemblies through the engine's own decks, with commands of an experiment's own."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from cgfibre.engine.assemble import assemble
 from cgfibre.engine.datafile import write_data
 from cgfibre.engine.deck import write_deck
 from cgfibre.engine.dump import RawRecord, read_record
-from cgfibre.engine.lammps import find_engine, run_deck
+from cgfibre.engine.lammps import EngineTime, find_engine, run_deck
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.model import Plan
 from cgfibre.plan.system import build_system
@@ -30,7 +31,7 @@ SCENE = {
 
 def scene(changes: Mapping[str, object]) -> Scene:
     """SCENE with dotted keys set."""
-    data = copy.deepcopy(SCENE)
+    data: dict[str, Any] = copy.deepcopy(SCENE)
     for key, value in changes.items():
         *parents, last = key.split(".")
         table = data
@@ -62,12 +63,14 @@ def moved(plan: Plan, speed: float, load: int, hold: int = 0, sample: int = 1000
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a deck left: its record, and the rows of files that a test's own commands wrote."""
+    """What a deck left: its record, the engine's time, and the rows of files that the experiment's commands wrote."""
 
     folder: Path
     record: RawRecord
+    time: EngineTime
 
     def rows(self, name: str) -> FloatArray:
+        """Rows of a table of numbers in the folder."""
         return np.loadtxt(self.folder / name, ndmin=2)
 
 
@@ -78,9 +81,12 @@ def run(
     commands: Sequence[str] = (),
     **variables: float | str,
 ) -> Outcome:
-    """Write the deck of the plan's level and run it; ``commands`` go before its phases, as a user may add them."""
+    """Write the deck of the plan's level and run it; ``commands`` go before its phases, as a user may add them.
+
+    ``variables`` go to the deck as ``-var``. Raises EngineError when the engine stops.
+    """
     deck = assemble(system, plan)
-    write_deck(folder, deck.name, deck.parameters, "test")
+    write_deck(folder, deck.name, deck.parameters, "cgfibre experiment")
     write_data(folder / "system.data", deck.data)
     for name, column in deck.tables.items():
         (folder / name).write_text("".join(f"{x:.17g}\n" for x in column.tolist()))
@@ -89,5 +95,5 @@ def run(
     if text.count(last) != 1:
         raise ValueError(f"{deck.name} has no line of its own for the phases")
     (folder / deck.name).write_text(text.replace(last, "\n".join([*commands, last])))
-    run_deck(find_engine(), folder, deck.name, 1, {k: str(v) for k, v in variables.items()})
-    return Outcome(folder, read_record(folder))
+    spent = run_deck(find_engine(), folder, deck.name, 1, {k: str(v) for k, v in variables.items()})
+    return Outcome(folder, read_record(folder), spent)
