@@ -97,3 +97,28 @@ def run(
     (folder / deck.name).write_text(text.replace(last, "\n".join([*commands, last])))
     spent = run_deck(find_engine(), folder, deck.name, 1, {k: str(v) for k, v in variables.items()})
     return Outcome(folder, read_record(folder), spent)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One number of an experiment beside its closed form.
+
+    ``case`` what was tried; ``level`` of the model; ``spacing`` s/D (0 for a section); ``quantity`` and ``unit`` of
+    ``value`` and ``exact``; ``cpu`` processor seconds of the engine; ``stated`` relative error that theory gives for
+    the method itself at this spacing (0: none known).
+    """
+
+    case: str
+    level: str
+    spacing: float
+    quantity: str
+    unit: str
+    value: float
+    exact: float
+    cpu: float
+    stated: float = 0.0
+
+    @property
+    def error(self) -> float:
+        """Relative error value/exact - 1; where the closed form is 0, the value itself."""
+        return self.value / self.exact - 1 if self.exact else self.value
