@@ -12,15 +12,16 @@ import numpy.typing as npt
 from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
 from cgfibre.engine.datafile import DataFile, Topology, group_types
 from cgfibre.errors import InputError
-from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, Contact, Plan
+from cgfibre.plan.contact import TANGENTIAL_DAMPING
+from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, ROD_DAMPING, Contact, Plan
 
 ROLES = 5
+NEAR = 0.15  # of D: beads this near to a platen are given to its wall for a block of steps
 EDGE = 1e-3  # um: a bead that stands on a platen's edge counts as under it
 #: smallest rest bend at which angle harmonic is safe: below 1 mrad it is silently wrong (lammps-findings)
 HARMONIC_BEND = 0.01
 #: a rod's angles carry this part of EI/s: they measure bending energy, see in.rod
 ANGLE_GAUGE = 1e-6
-ROD_DAMPING = 0.05  # of critical in every mode of a bpm bond: without it torsion feeds bending until the rod bursts
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,8 @@ def pair_words(contact: Contact) -> str:
     """Coefficients of ``pair_style granular`` for one pair of types."""
     tangential = "linear_history" if contact.law == "hooke" else "mindlin"
     return (
-        f"{contact.law} {contact.kn:.17g} {contact.gamma:.17g} tangential {tangential} {contact.kt:.17g} 1.0 "
-        f"{contact.friction:.17g} damping velocity"
+        f"{contact.law} {contact.kn:.17g} {contact.gamma:.17g} tangential {tangential} {contact.kt:.17g} "
+        f"{TANGENTIAL_DAMPING:g} {contact.friction:.17g} damping velocity"
     )
 
 
@@ -114,6 +115,7 @@ def _common(system: FilamentSystem, plan: Plan) -> dict[str, float | int | str]:
         "platen_kn": p.kn,
         "platen_kt": p.kt,
         "platen_gamma": p.gamma,
+        "tangential_damping": TANGENTIAL_DAMPING,
         "contact_length_um": p.contact_length,
         "speed_first": m.first,
         "speed_last": m.last,
@@ -125,6 +127,8 @@ def _common(system: FilamentSystem, plan: Plan) -> dict[str, float | int | str]:
         "sample_every": s.every,
         "frame_steps": s.frame,
         "checkpoint_steps": s.checkpoint,
+        "block_steps": s.block,
+        "near_um": NEAR * float(np.max(system.diameter)),
     }
     if math.isfinite(m.stop_force):
         values["stop_force_nN"] = m.stop_force

@@ -6,6 +6,7 @@ All filaments share their stations along x, so beads in contact lie in the same 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,11 +16,12 @@ from cgfibre.build.system import FilamentType, FloatArray, IntArray
 from cgfibre.errors import InputError
 from cgfibre.mechanics import rod
 from cgfibre.mechanics.support import axial_end_stiffness, chain_end, far_field_stiffness
-from cgfibre.plan.model import CONTACT, FREE, GRIP_STIFFENING, LEFT, RIGHT, Beads
+from cgfibre.plan.contact import ContactPlan
+from cgfibre.plan.model import CONTACT, FREE, GRIP_STIFFENING, LEFT, RIGHT, ROD_DAMPING, Beads
 from cgfibre.scene import Scene
 
-#: part of the limiting time step that is used (measured stable to 0.99; room for contact and large rotation)
-SAFETY = 0.65
+#: part of the limiting time step that is used: the limit is a bound already, this is room for large rotation
+SAFETY = 0.9
 #: a far field is worth treating apart when the filament is this many times longer than the zone that needs fine beads
 FAR_FIELD_RATIO = 3.0
 COARSE = 0.05  # of the length: spacing of graded far-field beads
@@ -71,10 +73,22 @@ def choose_far_field(scene: Scene, level: str, zone: tuple[float, float]) -> tup
     return "graded", "coarse beads beyond the zone carry its stiffness"
 
 
-def plan_beads(
+@dataclass(frozen=True)
+class Layout:
+    """Where the beads of every filament stand: ``stations`` um, ``role``, the ``zone`` of fine beads um, the form of
+    the ``far_field`` and the constants of its condensed end (else empty)."""
+
+    stations: FloatArray
+    role: IntArray
+    zone: tuple[float, float]
+    far_field: str
+    condensed: dict[str, float]
+
+
+def lay_beads(
     scene: Scene, filament: FilamentType, level: str, spacing: float, zone: tuple[float, float], far_field: str
-) -> tuple[FloatArray, IntArray, dict[str, float]]:
-    """(stations, role, extras) of the beads; extras holds a condensed end's constants."""
+) -> Layout:
+    """Stations and roles of the beads at most ``spacing`` um apart in the ``zone``."""
     length = scene.assembly.length
     anchors = tuple(x for span in (platen_span(scene), bottom_span(scene)) for x in span if 0 < x < length)
     extras: dict[str, float] = {}
@@ -113,7 +127,7 @@ def plan_beads(
     if support != "symmetry":
         held = 2 if support == "clamped" else 1
         role[:held], role[-held:] = LEFT, RIGHT
-    return stations, role.astype(np.int64), extras
+    return Layout(stations, role.astype(np.int64), zone, far_field, extras)
 
 
 def bond_lengths(stations: FloatArray, closed: bool, length: float) -> FloatArray:
@@ -123,19 +137,14 @@ def bond_lengths(stations: FloatArray, closed: bool, length: float) -> FloatArra
 
 
 def finish_beads(
-    scene: Scene,
-    filament: FilamentType,
-    level: str,
-    stations: FloatArray,
-    role: IntArray,
-    extras: dict[str, float],
-    softening: float,
-    contact_kn: float,
-    zone: tuple[float, float],
-    far_field: str,
+    scene: Scene, filament: FilamentType, level: str, layout: Layout, softening: float, contact: ContactPlan
 ) -> tuple[Beads, float]:
-    """(beads, limiting time step us): real masses under contact, for the rest the mass that the same step allows."""
-    support = scene.ends.support
+    """(beads, limiting time step us): real masses under contact, for the rest the mass that the same step allows.
+
+    The limit adds bounds of stretching and bending to those of six contacts with their damping: it is proven, not
+    tried.
+    """
+    support, stations, role, extras = scene.ends.support, layout.stations, layout.role, layout.condensed
     closed = support == "symmetry"
     gaps = bond_lengths(stations, closed, scene.assembly.length)
     EA, tension = filament.EA / softening, scene.ends.tension
@@ -153,23 +162,6 @@ def finish_beads(
         hinge[1:-1] = chain.angle
     if extras:
         hinge[1] = hinge[-2] = extras["hinge"]
-    near = (
-        np.minimum(gaps, np.roll(gaps, 1))
-        if closed
-        else np.minimum(np.append(gaps, gaps[-1]), np.insert(gaps, 0, gaps[0]))
-    )
-    real = role == CONTACT
-    if level == "rod":
-        coefficients = rod.rod_coefficients(near[real], EA, filament.EI, filament.GJ, filament.kGA)
-        spinning = float(rod.contact_stiffness_bound(1.0, inertia=rod.SPHERE_INERTIA)) / rod.CONTACT_BOUND
-        omega2 = rod.rod_frequency_squared(
-            near[real], mass[real], filament.diameter, coefficients, kn=spinning * contact_kn
-        )
-    else:
-        omega2 = rod.chain_frequency_squared(near[real], mass[real], EA, filament.EI, tension=tension, kn=contact_kn)
-    limit = 2 / math.sqrt(float(np.max(omega2)))
-    step = SAFETY * limit
-    free = ~real
     if level == "rod":
         every = rod.rod_coefficients(gaps, EA, filament.EI, filament.GJ, filament.kGA)
         bound = rod.rod_stiffness_bound(gaps, filament.diameter, every, tension, closed=closed)
@@ -180,7 +172,11 @@ def finish_beads(
         bound = rod.chain_stiffness_bound(gaps, chain, tension, closed=closed)
         if extras:
             bound[[0, -1]] += extras["transverse"]
-    mass[free] = rod.mass_for_time_step(bound[free], step, fraction=SAFETY)
+    real = role == CONTACT
+    touching, damping = contact.bounds(rod.SPHERE_INERTIA if level == "rod" else math.inf)
+    bonds = 2 * ROD_DAMPING * np.sqrt(bound[real] * mass[real]) if level == "rod" else 0.0
+    limit = float(rod.limiting_time_step(bound[real] + touching, mass[real], damping + bonds))
+    mass[~real] = rod.mass_for_time_step(bound[~real], limit)
     held = int(np.sum(role == RIGHT))
     beads = Beads(
         stations=stations,
@@ -192,7 +188,7 @@ def finish_beads(
         tension=tension,
         far_spring=(extras["transverse"], extras["axial"]) if extras else (0.0, 0.0),
         closed=closed,
-        far_field=far_field,
-        zone=zone,
+        far_field=layout.far_field,
+        zone=layout.zone,
     )
     return beads, limit

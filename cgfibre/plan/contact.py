@@ -13,28 +13,46 @@ from cgfibre.mechanics.contact import (
     hertz_coefficient,
     mindlin_coefficient,
 )
+from cgfibre.mechanics.rod import contact_stiffness_bound
 from cgfibre.plan.model import Contact
 from cgfibre.scene import Scene
 
 #: kt/kn of every contact (lammps-findings; Mindlin gives 0.82 for nu = 0.3)
 TANGENTIAL_RATIO = 0.8
+#: tangential over normal damping of every contact: more of it shortens the step of beads that may spin
+TANGENTIAL_DAMPING = 0.3
 #: overlap over diameter beyond which a softened contact is not to be trusted
 OVERLAP_LIMIT = 0.02
 
 
 @dataclass(frozen=True)
 class ContactPlan:
-    """Contact between filaments, and the stiffness and damping of a bead on a platen (kn, kt, gamma)."""
+    """Contact between filaments, and the stiffness and damping of a bead on a platen (kn, kt, gamma); ``tangent_kn``
+    nN/um is the normal stiffness of a pair, for the law hertz that at the overlap limit."""
 
     pair: Contact
     wall_kn: float
     wall_gamma: float
     tangent_kn: float
 
+    def bounds(self, inertia: float = math.inf) -> tuple[float, float]:
+        """(stiffness nN/um, damping nN us/um) that six contacts, one of them with a platen, add to a bead's bounds."""
+        return (
+            _bound(self.tangent_kn, self.wall_kn, TANGENTIAL_RATIO, inertia),
+            _bound(self.pair.gamma, self.wall_gamma, TANGENTIAL_DAMPING, inertia),
+        )
+
     @property
     def wall_kt(self) -> float:
         """Tangential stiffness on the platen, nN/um."""
         return TANGENTIAL_RATIO * self.wall_kn
+
+
+def _bound(pair: float, wall: float, ratio: float, inertia: float) -> float:
+    """Six contacts as in contact_stiffness_bound, one of them a platen's where that is the stiffer; it does not move,
+    so w^2 <= wall max(1, ratio (1 + 1/(4 inertia))) (u^2 + rho^2 theta^2)."""
+    six = float(contact_stiffness_bound(pair, kt_ratio=ratio, inertia=inertia))
+    return six + max(0.0, wall * max(1.0, ratio * (1 + 0.25 / inertia)) - six / 6)
 
 
 def line_contacts(scene: Scene) -> tuple[LineContact, LineContact]:
@@ -72,4 +90,4 @@ def plan_contact(scene: Scene, law: str, length: float, mass: float, softening: 
         softening=softening,
         line_stiffness=line,
     )
-    return ContactPlan(pair, wall, float(damping_coefficient(zeta, wall, mass)), max(tangent, wall))
+    return ContactPlan(pair, wall, float(damping_coefficient(zeta, wall, mass)), tangent)

@@ -19,7 +19,7 @@ from cgfibre.plan.beads import (
     choose_far_field,
     fine_zone,
     finish_beads,
-    plan_beads,
+    lay_beads,
     platen_span,
 )
 from cgfibre.plan.contact import OVERLAP_LIMIT, ContactPlan, plan_contact
@@ -238,16 +238,15 @@ def _filament_plan(scene: Scene, out: Outline, level: str, choices: list[Choice]
             else "crossing cylinders (Hertz, Mindlin)",
         )
     )
-    stations, role, extras = plan_beads(scene, f, level, spacing, zone, far)
+    layout = lay_beads(scene, f, level, spacing, zone, far)
+    stations = layout.stations
     # what a bead under the platen stands for: the spacing there
     lo, hi = platen_span(scene)
     under = (stations > lo - 1e-6) & (stations < hi + 1e-6)
     bead = float(np.max(np.diff(stations[under]))) if under.sum() > 1 else spacing
     mass = bead * f.mass_per_length
     contact = plan_contact(scene, law, bead, mass, float(softening.value))
-    beads, limit = finish_beads(
-        scene, f, level, stations, role, extras, float(axial.value), contact.tangent_kn, zone, far
-    )
+    beads, limit = finish_beads(scene, f, level, layout, float(axial.value), contact)
     step = _checked_step(scene, limit)
     choices.append(step)
     timestep = SAFETY * limit if scene.model.timestep == "auto" else float(scene.model.timestep)
@@ -358,8 +357,8 @@ def _section_plan(scene: Scene, out: Outline, level: str, choices: list[Choice])
         )
     )
     inertia = DISC_INERTIA * mass * f.diameter**2
-    touching = float(rod.contact_stiffness_bound(contact.tangent_kn, inertia=DISC_INERTIA))
-    limit = 2 / math.sqrt(max((k + touching) / mass, (turn / inertia + touching / mass)))
+    touching, damping = contact.bounds(DISC_INERTIA)
+    limit = float(rod.limiting_time_step(touching + max(k, turn * mass / inertia), mass, damping))
     choices.append(_checked_step(scene, limit))
     timestep = SAFETY * limit if scene.model.timestep == "auto" else float(scene.model.timestep)
     frequency = float(support.support_frequency(k, mass))

@@ -14,6 +14,7 @@ CONTACT, FREE, LEFT, RIGHT, GRIP = range(5)
 #: twist stiffness of a pinned rod's grip over that of a segment, GJ/s: the rod is held a tenth of a segment beyond each
 #: end, so its twist errs by 0.2 s/L; below E1 = 7.5 G12 the end beads weigh more for it, the step stays
 GRIP_STIFFENING = 10.0
+ROD_DAMPING = 0.05  # of critical in every mode of a bpm bond: without it torsion feeds bending until the rod bursts
 
 
 @dataclass(frozen=True)
@@ -119,12 +120,16 @@ class Motion:
 
 @dataclass(frozen=True)
 class Sampling:
-    """Steps in a record row, between readings, between frames and between checkpoints."""
+    """Steps in a record row, between readings, between frames, between checkpoints, and in a block.
+
+    A block is the stretch in which the platens' walls look at the beads that were near them at its start.
+    """
 
     sample: int
     every: int
     frame: int
     checkpoint: int
+    block: int
 
 
 @dataclass(frozen=True)

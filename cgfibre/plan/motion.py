@@ -27,6 +27,7 @@ EVEN_SPEED = 3.0
 SPREAD = 3.0  # times wider than built: the most that an assembly is expected to flatten
 READINGS = 20  # of forces within a record row
 CHECKPOINTS = 20  # a run
+BLOCK = 600  # least steps in a block: to begin one costs as much as some ten steps
 DENSEST = math.pi / (2 * math.sqrt(3))  # hexagonal packing of touching circles
 
 
@@ -194,7 +195,8 @@ def plan_motion(
         quasi_static_impedance=least,
         fastest=fastest if bodies.bends else math.inf,
     )
-    return motion, Sampling(sample, every, frame, checkpoint), choices
+    block = math.ceil(BLOCK / sample) * sample
+    return motion, Sampling(sample, every, frame, checkpoint, block), choices
 
 
 def depths_below_top(centres: FloatArray) -> FloatArray:
