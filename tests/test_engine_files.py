@@ -95,7 +95,7 @@ def test_equal_rows_share_a_type_and_round_off_makes_no_new_one():
 def test_mdanalysis_reads_the_data_file_of_a_scene(tiny, tmp_path):
     import MDAnalysis as mda
 
-    scene, plan = workflow.plan_scene(tiny)
+    scene, plan = workflow.plan_scene(tiny, ["model.symmetry=none"])
     system = build_system(scene, plan)
     write_data(tmp_path / "system.data", assemble(system, plan).data)
     u = mda.Universe(
