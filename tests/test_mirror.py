@@ -38,8 +38,8 @@ def pressed(folder, symmetry, ends):
 
 @pytest.mark.parametrize("ends", ["simply-supported", "clamped"])
 def test_half_a_filament_bends_as_all_of_it(tmp_path, ends):
-    """Force, stored energy and shape: equal but for the held bead (2e-4) and the spacing (chain_bending_error differs by
-    2e-4, clamped 1e-3)."""
+    """Force, stored energy and shape: equal but for the held bead (2e-4) and the spacing (chain_bending_error differs
+    by 2e-4, clamped 1e-3)."""
     whole_plan, _, whole, frames = pressed(tmp_path / "whole", "none", ends)
     plan, half_system, half, mirrored = pressed(tmp_path / "half", "half", ends)
     assert plan.beads.support == "symmetric" and len(plan.beads.stations) % 2 == 0

@@ -24,7 +24,7 @@ SPEED_GAIN = 1.4
 SPEED_RATIO = 30.0
 #: bead-steps of loading beyond which an automatic speed is raised, and the least and most steps that makes of them; the
 #: plan then says from which force on the run is quasi-static
-BUDGET, LEAST_STEPS, MOST_STEPS = 6e8, 400_000, 1_500_000
+BUDGET, LEAST_STEPS, MOST_STEPS = 1e9, 600_000, 1_500_000
 #: an automatic speed that would have to be raised more than this gives up growing: slow where the force is large
 EVEN_SPEED = 3.0
 SPREAD = 3.0  # times wider than built: the most that an assembly is expected to flatten
