@@ -80,7 +80,7 @@ def _density(mass: FloatArray, diameter: FloatArray) -> FloatArray:
     return mass / (math.pi / 6 * diameter**3)
 
 
-MAX_BINS = 3e6
+MAX_BINS = 3e5
 
 
 def _bin_size(system: FilamentSystem) -> float:

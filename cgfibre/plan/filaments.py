@@ -12,8 +12,9 @@ from cgfibre.plan.beads import choose_far_field, choose_symmetry, fine_zone, fin
 from cgfibre.plan.common import checked_step, common_omissions, friction, platens
 from cgfibre.plan.contact import OVERLAP_LIMIT, line_contacts, plan_contact
 from cgfibre.plan.cost import predicted_seconds
+from cgfibre.plan.level import nothing_varies
 from cgfibre.plan.model import CONTACT, Choice, Omission, Plan
-from cgfibre.plan.motion import Bodies, depths_below_top, plan_motion
+from cgfibre.plan.motion import Bodies, depths_below_top, loose, plan_motion
 from cgfibre.plan.outline import Outline
 from cgfibre.plan.promise import promise
 from cgfibre.scene import Scene
@@ -139,6 +140,8 @@ def plan_filaments(scene: Scene, out: Outline, level: str, choices: list[Choice]
     frequency = float(rod.bending_frequency(span, f.EI, f.mass_per_length, tension=tension))
     if far != "none":  # the zone swings on the soft far field
         frequency = min(frequency, math.sqrt(stiffness / (f.mass_per_length * span)))
+    if nothing_varies(scene):  # no end supports to bend against
+        stiffness, frequency = loose(contact.tangent_kn, mass, out.height / d)
     n_beads = len(out.centres) * (len(stations) // 2 + 1 if layout.half else len(stations))
     bodies = Bodies(
         depths_below_top(out.centres),

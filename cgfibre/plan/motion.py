@@ -19,7 +19,7 @@ REFERENCE_DISPLACEMENT = 2 / 7
 LATE = 2.0
 #: the accuracy over which the platen's bound is taken, over that asked for: at the bound with eps the mean error of
 #: carbon-37 is about 0.4 eps (measured: 1.6, 3.7, 11 % to 10 um at 0.05, 0.1, 0.2)
-SPEED_GAIN = 1.4
+SPEED_GAIN = 1.5
 #: the speed may grow to this many times its first value
 SPEED_RATIO = 30.0
 #: bead-steps of loading beyond which an automatic speed is raised, and the least and most steps that makes of them; the
@@ -27,6 +27,7 @@ SPEED_RATIO = 30.0
 BUDGET, LEAST_STEPS, MOST_STEPS = 1e9, 600_000, 1_500_000
 #: an automatic speed that would have to be raised more than this gives up growing: slow where the force is large
 EVEN_SPEED = 3.0
+LOOSE = 1e-3
 SPREAD = 3.0  # times wider than built: the most that an assembly is expected to flatten
 READINGS = 20  # of forces within a record row
 CHECKPOINTS = 20  # a run
@@ -96,6 +97,15 @@ class Bodies:
     def impedance(self) -> float:
         """Force over speed of what the platen hits: sqrt(kn m) of a bead or k/omega of a filament, nN us/um."""
         return max(math.sqrt(self.contact_stiffness * self.bead_mass), self.stiffness / self.frequency)
+
+
+def loose(kn: float, mass: float, layers: float) -> tuple[float, float]:
+    """(stiffness nN/um, frequency rad/us) of one bead or disc that no support holds, for the choice of the speed.
+
+    It feels nothing until it meets others: forces of LOOSE of the contact's stiffness are to be right, and a wave of
+    contact has to run through the height, sqrt(kn/m) over the number of layers.
+    """
+    return LOOSE * kn / layers, math.sqrt(kn / mass) / layers
 
 
 def speed_bound(bodies: Bodies, diameter: float, accuracy: float, displacement: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from cgfibre.plan.outline import Outline
 from cgfibre.scene import Scene
 
 #: mean error of a platen at its bound, over the accuracy of the bound (see SPEED_GAIN)
-SPEED_ERROR = 0.4
+SPEED_ERROR = 0.5
 #: without a bound (long far fields, loose discs): the error at the planned speed, as measured on carbon-37-full-length
 UNBOUNDED = 0.1
 #: where filaments rearrange, the displacement at which they do so differs from run to run; mean over the curve

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from cgfibre.mechanics import rod, support
@@ -13,7 +11,7 @@ from cgfibre.plan.cost import predicted_seconds
 from cgfibre.plan.filaments import DRAG
 from cgfibre.plan.level import nothing_varies
 from cgfibre.plan.model import Beads, Choice, Omission, Plan
-from cgfibre.plan.motion import Bodies, depths_below_top, plan_motion
+from cgfibre.plan.motion import Bodies, depths_below_top, loose, plan_motion
 from cgfibre.plan.outline import Outline
 from cgfibre.plan.promise import promise
 from cgfibre.scene import Scene
@@ -21,8 +19,6 @@ from cgfibre.scene import Scene
 DISC_INERTIA = 0.125  # of m D^2
 #: a disc's contacts alone set its step: softened, it is longer and the platen faster
 CONTACT_SOFTENING = 10.0
-#: discs without springs feel nothing until they meet: forces of this part of the contact's stiffness are to be right
-FREE_STIFFNESS = 1e-3
 
 
 def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) -> Plan:
@@ -83,11 +79,10 @@ def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) 
     limit = float(rod.limiting_time_step(touching + max(k, turn * mass / inertia), mass, damping))
     timestep, step = checked_step(scene, limit)
     choices.append(step)
-    # without springs: a wave of contact through the height
-    layers = out.height / scene.filament.diameter
-    slowest = math.sqrt(contact.tangent_kn / mass) / layers
-    frequency = slowest if free else float(support.support_frequency(k, mass))
-    stiffness = contact.tangent_kn / layers * FREE_STIFFNESS if free else k
+    if free:
+        stiffness, frequency = loose(contact.tangent_kn, mass, out.height / scene.filament.diameter)
+    else:
+        stiffness, frequency = k, float(support.support_frequency(k, mass))
     bodies = Bodies(
         depths_below_top(out.centres), out.pitch, stiffness, frequency, contact.tangent_kn, mass, len(out.centres)
     )
