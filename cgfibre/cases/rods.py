@@ -332,6 +332,20 @@ def press(folder: Path, level: str, spacing: float, changes: Mapping[str, object
     return Press(compliance, left, right, wall, float(force[-3] / force[-1] - 1), out)
 
 
+def flat_platen(folder: Path, level: str, spacing: float) -> list[Measured]:
+    """A filament of 40 D under 0.04 cN pressed by a flat platen of 24 D: it touches at the platen's edges alone."""
+    width, length = 24 * D, 40 * D
+    changes = {"platens.width": f"{width} um", "assembly.length": f"{length} um", "ends.tension": "4e5 nN"}
+    pressed = press(folder, level, spacing, changes)
+    f = planned({})[1].types[0]
+    exact = float(rod.platen_compliance(length, f.EI, width=width, tension=4e5, kGA=_wall(level, f)))
+    cpu = pressed.out.time.cpu
+    return [
+        Measured("flat platen", level, spacing, "deflection", "um/nN", pressed.compliance, exact, cpu),
+        Measured("flat platen", level, spacing, "taken by supports", "nN", pressed.left + pressed.right, pressed.wall, 0.0),
+    ]
+
+
 # --- buckling and vibration ------------------------------------------------------------------------------------------
 
 
@@ -630,6 +644,47 @@ def disc(folder: Path, level: str, spacing: float, length: float = 700.0, spring
     exact = k * d / (1 + k / plan.platens.kn)
     case = f"disc on the spring of {length / 1000:g} mm ({spring})"
     return [Measured(case, level, spacing, "force", "nN", force, exact, out.time.cpu)]
+
+
+def far_field(folder: Path, level: str, spacing: float, form: str = "condensed") -> list[Measured]:
+    """345 mm on a millimetre of beads and a far field of this form, pushed by 0.1 um at a 0.5 mm platen's edges: force
+    against the beam of 345 mm.
+
+    The edges are held to the platen's displacement from the start: a platen that can only push bounces off so soft a
+    support for millions of steps (one swing is a million). The rest, critically damped, comes to rest on its own.
+    """
+    length, width, depth = 345000.0, 500.0, 0.1
+    plan, system = planned(
+        {
+            "assembly.length": f"{length} um",
+            "platens.width": f"{width} um",
+            "model.far_field": form,
+            "model.level": level,
+            "model.spacing": f"{spacing * D} um",
+        }
+    )
+    f = system.types[0]
+    edges = [bead_at(plan, x) for x in ((length - width) / 2, (length + width) / 2)]
+    frequency = float(rod.bending_frequency(width, f.EI, f.mass_per_length, tension=4e5))
+    out = run(
+        folder,
+        system,
+        moved(plan, 1e-9, 64000, sample=2000),
+        [
+            f"group edges id {edges[0]} {edges[1]}",
+            f"displace_atoms edges move 0 0 -{depth}",
+            "fix edges edges setforce NULL NULL 0",
+            "fix edge_force all ave/time 2000 1 2000 f_edges[3] file edges.txt",
+            # coarse beads weigh little and swing slowly: by trial, the drag on them that takes fewest steps
+            "fix far_drag free viscous 5",
+        ],
+        **({"drag": critical_drag(plan, frequency)} | AWAY),
+    )
+    force = out.rows("edges.txt")[:, 1]
+    if abs(force[-1] / force[-2] - 1) > 1e-4:
+        raise RuntimeError(f"not at rest: {force[-2:].tolist()}")
+    exact = depth * float(rod.platen_force(1.0, length, f.EI, width=width, tension=4e5))
+    return [Measured(f"345 mm, far field {form}", level, spacing, "force", "nN", float(force[-1]), exact, out.time.cpu)]
 
 
 def end_load_doubled(folder: Path, level: str, spacing: float) -> list[Measured]:
