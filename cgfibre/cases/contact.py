@@ -12,7 +12,7 @@ from cgfibre.build.bundle import BundleSpec, build_bundle, build_section
 from cgfibre.build.system import FilamentSystem
 from cgfibre.cases.experiment import Measured, moved, planned, run, scene
 from cgfibre.cases.friction import parallel_filaments
-from cgfibre.cases.rods import AWAY, D, SECTION, filament
+from cgfibre.cases.rods import AWAY, SECTION, D, filament
 from cgfibre.mechanics.contact import LineContact, contact_modulus, crossing_prefactor
 from cgfibre.plan.model import CONTACT, Plan
 
@@ -63,7 +63,7 @@ def crossing(folder: Path, level: str, spacing: float, angle: float = 90.0, forc
     turn = math.radians(angle)
     upper[:, 0], upper[:, 1] = middle + x * math.cos(turn), x * math.sin(turn)
     box = both.box.copy()
-    box[1] = -10 * D, 10 * D
+    box[1] = -16 * D, 16 * D
     system = replace(both, positions=points, box=box)
     commands = ["group upper molecule 2", f"displace_atoms upper move 0 0 -{approach:.17g}"]
     found, cpu = _held(folder, plan, system, commands, "fz")

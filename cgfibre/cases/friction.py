@@ -13,8 +13,8 @@ from cgfibre.build.bundle import BundleSpec, build_bundle
 from cgfibre.build.system import FilamentSystem, FloatArray
 from cgfibre.cases.experiment import Measured, moved, planned, run
 from cgfibre.cases.rods import AWAY, D, critical_drag, end_drag, filament, laid_along
-from cgfibre.plan.model import CONTACT, Plan
 from cgfibre.mechanics import contact
+from cgfibre.plan.model import CONTACT, Plan
 
 MU = 0.2  # of the pair, as the scene has it
 
@@ -211,8 +211,7 @@ def _slide(
             f"fix pull upper move linear {speed:.17g} 0 NULL",
             "compute grip held reduce sum fx fz",
             "compute where upper reduce ave z",
-            f"fix friction all ave/time {every // 20} 20 {every} c_grip[*] c_where file friction.txt "
-            'format " %.15g"',
+            f'fix friction all ave/time {every // 20} 20 {every} c_grip[*] c_where file friction.txt format " %.15g"',
         ],
         **({"drag": 0.0} | AWAY),
     )

@@ -161,9 +161,7 @@ def cantilever(folder: Path, level: str, spacing: float, length: float = 40.0) -
     return [Measured("cantilever", level, spacing, "deflection", "um", z[1], exact, out.time.cpu, stated)]
 
 
-def elastica(
-    folder: Path, level: str, spacing: float, length: float = 40.0, load: float = 10.0
-) -> list[Measured]:
+def elastica(folder: Path, level: str, spacing: float, length: float = 40.0, load: float = 10.0) -> list[Measured]:
     """Cantilever under a dead tip force F L^2/EI = ``load``: deflection and shortening against solve_bvp."""
     plan, system = filament(level, spacing, length, {"ends.support": "clamped"})
     f, L = system.types[0], length * D
@@ -221,13 +219,45 @@ def elastica_tip(
     return float(solution.y[2, -1]) * length, float(solution.y[3, -1]) * length
 
 
-def chain_compliance(n: int, spacing: float, EI: float, tension: float = 0.0) -> float:
-    """Mid-span compliance of a simply supported chain of n (even) bonds under tension, um/nN.
+def chain_compliance(n: int, at: int, spacing: float, EI: float, tension: float = 0.0) -> float:
+    """Compliance of a simply supported chain of n bonds under tension, pushed at beads ``at`` and n - ``at`` by half a
+    force each, um/nN.
 
-    Sine modes diagonalise it: (2/n) sum over odd k of 1/(16 EI S^2/s^3 + 4 P S/s), S = sin^2(k pi/(2 n)).
+    Sine modes diagonalise it: (2/n) sum over odd k of sin^2(k pi at/n)/(16 EI S^2/s^3 + 4 P S/s), S = sin^2(k pi/(2 n)).
     """
-    S = np.sin(np.arange(1, n, 2) * np.pi / (2 * n)) ** 2
-    return float(np.sum(2 / n / (16 * EI * S**2 / spacing**3 + 4 * tension * S / spacing)))
+    k = np.arange(1, n, 2)
+    S = np.sin(k * np.pi / (2 * n)) ** 2
+    stiffness = 16 * EI * S**2 / spacing**3 + 4 * tension * S / spacing
+    return float(np.sum(2 / n * np.sin(k * np.pi * at / n) ** 2 / stiffness))
+
+
+def rod_compliance(n: int, at: int, spacing: float, f: FilamentType, tension: float = 0.0) -> float:
+    """Compliance of a simply supported rod as :func:`chain_compliance`, um/nN.
+
+    Small deflections w and turns v of its beads: ks (w_j - w_i - s (v_i + v_j)/2)^2/2 + kb (v_j - v_i)^2/2 + P/s
+    (w_j - w_i)^2/2 a bond. The tension acts along the bond, as the engine's bpm bonds have it, on lengths stretched by
+    1 + P/EA while the coefficients are those of the natural length.
+    """
+    natural = spacing / (1 + tension / f.EA)
+    c = rod.rod_coefficients(natural, f.EA, f.EI, f.GJ, f.kGA)
+    shear = np.array([-1.0, -spacing / 2, 1.0, -spacing / 2])
+    turn, string = np.array([0.0, -1.0, 0.0, 1.0]), np.array([-1.0, 0.0, 1.0, 0.0])
+    bond = float(c.ks) * np.outer(shear, shear) + float(c.kb) * np.outer(turn, turn)
+    bond += tension / spacing * np.outer(string, string)
+    whole = np.zeros((2 * n + 2, 2 * n + 2))
+    for k in range(n):
+        whole[2 * k : 2 * k + 4, 2 * k : 2 * k + 4] += bond
+    load = np.zeros(2 * n + 2)
+    np.add.at(load, [2 * at, 2 * (n - at)], 0.5)
+    free = np.delete(np.arange(2 * n + 2), [0, 2 * n])
+    deflection = np.linalg.solve(whole[np.ix_(free, free)], load[free])
+    return float(deflection[np.searchsorted(free, 2 * at)])
+
+
+def _of_level(level: str, n: int, at: int, spacing: float, f: FilamentType, tension: float) -> float:
+    """Compliance of the level's own beads at this spacing, um/nN."""
+    s = spacing * D
+    return chain_compliance(n, at, s, f.EI, tension) if level == "chain" else rod_compliance(n, at, s, f, tension)
 
 
 def three_point(
@@ -253,8 +283,7 @@ def three_point(
     frequency = float(rod.bending_frequency(L, f.EI, f.mass_per_length, tension=P))
     (z,), out = at_rest(folder, (plan, system), commands, "c_middle", frequency)
     n = round(length / spacing)
-    of_level = chain_compliance(n, spacing * D, f.EI, P) if level == "chain" else rod_compliance(n, spacing * D, f, P)
-    stated = of_level / compliance - 1
+    stated = _of_level(level, n, n // 2, spacing, f, P) / compliance - 1
     case = "simply supported" if argument == 0 else "pre-tensioned beam"
     return [Measured(case, level, spacing, "deflection", "um", z, force * compliance, out.time.cpu, stated)]
 
@@ -262,28 +291,6 @@ def three_point(
 def pre_tensioned(folder: Path, level: str, spacing: float, length: float = 40.0) -> list[Measured]:
     """:func:`three_point` with (L/2) sqrt(P/EI) = 10: a string but for its middle; strain 1/64 at 40 D."""
     return three_point(folder, level, spacing, length, 10.0)
-
-
-def rod_compliance(n: int, spacing: float, f: FilamentType, tension: float = 0.0) -> float:
-    """Mid-span compliance of a simply supported rod of n (even) bonds under tension, um/nN.
-
-    Small deflections w and turns v of its beads: ks (w_j - w_i - s (v_i + v_j)/2)^2/2 + kb (v_j - v_i)^2/2 + P/s
-    (w_j - w_i)^2/2 a bond. The tension acts along the bond, as the engine's bpm bonds have it, on lengths stretched by
-    1 + P/EA while the coefficients are those of the natural length.
-    """
-    natural = spacing / (1 + tension / f.EA)
-    c = rod.rod_coefficients(natural, f.EA, f.EI, f.GJ, f.kGA)
-    shear = np.array([-1.0, -spacing / 2, 1.0, -spacing / 2])
-    turn, string = np.array([0.0, -1.0, 0.0, 1.0]), np.array([-1.0, 0.0, 1.0, 0.0])
-    bond = float(c.ks) * np.outer(shear, shear) + float(c.kb) * np.outer(turn, turn)
-    bond += tension / spacing * np.outer(string, string)
-    whole = np.zeros((2 * n + 2, 2 * n + 2))
-    for k in range(n):
-        whole[2 * k : 2 * k + 4, 2 * k : 2 * k + 4] += bond
-    free = np.delete(np.arange(2 * n + 2), [0, 2 * n])
-    load = np.zeros(2 * n + 2)
-    load[n] = 1.0
-    return float(np.linalg.solve(whole[np.ix_(free, free)], load[free])[np.searchsorted(free, n)])
 
 
 @dataclass(frozen=True)
@@ -313,10 +320,11 @@ def press(folder: Path, level: str, spacing: float, changes: Mapping[str, object
         length -= 2 * spacing * D
     if "platens.width" not in changes:
         plan = pressed_at(plan, length / 2 - 0.1, length / 2 + 0.1)
-    load, hold, stop = (4000, 8000, 0.1) if level == "chain" else (5000, 15000, 0.2)
-    plan = moved(plan, stop / load / plan.timestep, load, hold)
     free = 0.66 * length if clamped else length
     frequency = float(rod.bending_frequency(free, f.EI, f.mass_per_length, tension=plan.beads.tension))
+    stop = 0.1 if level == "chain" else 0.2
+    load = 1000 * math.ceil(settling_steps(plan, frequency, 1e-6) / 2000)
+    plan = moved(plan, stop / load / plan.timestep, load, max(5000, 2 * load))
     supports = (
         "fix supports all ave/time 10 100 1000 f_hold_left[3] f_hold_right[3] c_wall_top "
         'file supports.txt format " %.15g"'
@@ -339,10 +347,11 @@ def flat_platen(folder: Path, level: str, spacing: float) -> list[Measured]:
     pressed = press(folder, level, spacing, changes)
     f = planned({})[1].types[0]
     exact = float(rod.platen_compliance(length, f.EI, width=width, tension=4e5, kGA=_wall(level, f)))
-    cpu = pressed.out.time.cpu
+    stated = _of_level(level, round(40 / spacing), round(8 / spacing), spacing, f, 4e5) / exact - 1
+    cpu, taken = pressed.out.time.cpu, pressed.left + pressed.right
     return [
-        Measured("flat platen", level, spacing, "deflection", "um/nN", pressed.compliance, exact, cpu),
-        Measured("flat platen", level, spacing, "taken by supports", "nN", pressed.left + pressed.right, pressed.wall, 0.0),
+        Measured("flat platen", level, spacing, "deflection", "um/nN", pressed.compliance, exact, cpu, stated),
+        Measured("flat platen", level, spacing, "taken by supports", "nN", taken, pressed.wall, 0.0),
     ]
 
 
@@ -416,12 +425,10 @@ def timoshenko_frequency(length: float, f: FilamentType) -> float:
 
 
 def frequency(folder: Path, level: str, spacing: float, length: float = 40.0) -> list[Measured]:
-    """Simply supported, set swinging as a half sine by 0.3 um, no damping, three swings: first bending frequency, and
-    how much of the energy is lost or won.
+    """Simply supported, set swinging as a half sine by 0.3 um, no damping, three swings: first bending frequency.
 
     A chain is slow by (pi s/L)^2/12. A rod's beads have the rotary inertia of spheres, m D^2/10 in place of
-    m D^2/16: slow by 0.0188 (pi D/L)^2, 1.2e-4 at 40 D, at every spacing. Energy: kinetic and bending; what shear
-    holds of it (rods: 0.3 %) is not recorded, so only full swings are compared.
+    m D^2/16: slow by 0.0188 (pi D/L)^2, 1.2e-4 at 40 D, at every spacing.
     """
     plan, system = filament(level, spacing, length)
     f, L, n = system.types[0], length * D, system.n_beads
@@ -435,14 +442,13 @@ def frequency(folder: Path, level: str, spacing: float, length: float = 40.0) ->
         "velocity beads set NULL NULL v_kick",
         f"group middle id {bead_at(plan, L / 2)}",
         "compute middle middle reduce ave z",
-        f"fix probe all ave/time {sample} 1 {sample} c_middle v_kinetic_energy v_stored_energy file probe.txt "
-        'format " %.17g"',
+        f'fix probe all ave/time {sample} 1 {sample} c_middle file probe.txt format " %.17g"',
     ]
     variables: dict[str, float] = {"drag": 0.0} | AWAY
     if level == "rod":
         variables |= {"rod_damping": 0.0, "turning_drag": 0.0}
     out = run(folder, system, moved(plan, 1e-9, steps, sample=sample), commands, **variables)
-    step, z, kinetic, _ = out.rows("probe.txt").T
+    step, z = out.rows("probe.txt").T
     time = step * plan.timestep
 
     def swing(t: FloatArray, omega: float, sine: float, cosine: float) -> FloatArray:
@@ -453,15 +459,15 @@ def frequency(folder: Path, level: str, spacing: float, length: float = 40.0) ->
         stated = float(np.sinc(spacing / (2 * length))) ** 2 - 1
     else:
         stated = -0.5 * (rod.SPHERE_INERTIA - 1 / 16) * (math.pi / length) ** 2
-    return [Measured("bending frequency", level, spacing, "frequency", "rad/us", float(omega), exact, out.time.cpu, stated)]
+    return [
+        Measured("bending frequency", level, spacing, "frequency", "rad/us", float(omega), exact, out.time.cpu, stated)
+    ]
 
 
 # --- torsion ---------------------------------------------------------------------------------------------------------
 
 
-def torsion(
-    folder: Path, level: str, spacing: float, length: float = 40.0, turn: float = 0.2
-) -> list[Measured]:
+def torsion(folder: Path, level: str, spacing: float, length: float = 40.0, turn: float = 0.2) -> list[Measured]:
     """Both ends clamped, the middle bead turned by ``turn`` rad in all and held: torque 4 GJ turn/L, exact.
 
     Starts from the even twist if a bond turns by more than 0.2 rad, else from the one bead.
@@ -517,9 +523,7 @@ def helix(radius: float, pitch_angle: float) -> Curve:
 
     def path(s: FloatArray) -> FloatArray:
         a = np.asarray(s) * math.cos(pitch_angle) / radius
-        return np.stack(
-            [np.asarray(s) * math.sin(pitch_angle), radius * (1 - np.cos(a)), radius * np.sin(a)], axis=-1
-        )
+        return np.stack([np.asarray(s) * math.sin(pitch_angle), radius * (1 - np.cos(a)), radius * np.sin(a)], axis=-1)
 
     return path
 
@@ -614,7 +618,9 @@ def curved_rest_shape(folder: Path, level: str, spacing: float) -> list[Measured
     exact = straight.types[0].EI / radius**2 / 2 * hinged
     value = float(out.record.start["stored"])
     stated = -((spacing * D / radius) ** 2) / 12  # of 1 - cos
-    return [Measured("curved rest shape", level, spacing, "bending energy", "nN um", value, exact, out.time.cpu, stated)]
+    return [
+        Measured("curved rest shape", level, spacing, "bending energy", "nN um", value, exact, out.time.cpu, stated)
+    ]
 
 
 def _rods_only(level: str) -> None:
@@ -669,12 +675,12 @@ def far_field(folder: Path, level: str, spacing: float, form: str = "condensed")
     out = run(
         folder,
         system,
-        moved(plan, 1e-9, 64000, sample=2000),
+        moved(plan, 1e-9, 96000, sample=2000),
         [
             f"group edges id {edges[0]} {edges[1]}",
             f"displace_atoms edges move 0 0 -{depth}",
             "fix edges edges setforce NULL NULL 0",
-            "fix edge_force all ave/time 2000 1 2000 f_edges[3] file edges.txt",
+            'fix edge_force all ave/time 2000 1 2000 f_edges[3] file edges.txt format " %.15g"',
             # coarse beads weigh little and swing slowly: by trial, the drag on them that takes fewest steps
             "fix far_drag free viscous 5",
         ],
