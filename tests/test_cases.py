@@ -74,7 +74,7 @@ def test_discrete_beams_tend_to_the_beam():
 
 
 def test_curved_cantilever_of_a_quarter_circle():
-    """Starts along x, ends along y: out of its plane (1 - sin a is the twist's arm, cos a the bending's), and along y."""
+    """Starts along x, ends along y: out of its plane (arms 1 - sin a of twist, cos a of bending), and along y."""
     f = replace(rods.planned({})[1].types[0], EA=1e30, kGA=1e30)
     R = 100.0
     out_of_plane = rods.curved_cantilever(rods.arc(R), np.pi / 2 * R, np.array([0.0, 0.0, 1.0]), f)

@@ -101,7 +101,7 @@ def _unit(x: float, z: float) -> FloatArray:
 def parallel_filaments(
     level: str, spacing: float, length: float, centres: FloatArray, *, periodic: bool = False
 ) -> tuple[Plan, FilamentSystem]:
-    """Parallel filaments of ``length`` diameters through ``centres`` (n, 2) um, beads in register; ends hold nothing."""
+    """Parallel filaments of ``length`` diameters through ``centres`` (n, 2) um, beads in register, no end load."""
     plan, one = filament(level, spacing, length, {"ends.support": "symmetry"} if periodic else None)
     stations = plan.beads.stations - plan.beads.stations[0]
     system = build_bundle(BundleSpec(one.types[0], centres, stations), np.random.default_rng(0))

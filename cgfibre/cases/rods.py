@@ -22,8 +22,8 @@ from cgfibre.mechanics import rod, support
 from cgfibre.plan.model import LEFT, RIGHT, Plan
 
 D = 7.0  # um, diameter of experiment.SCENE's filament
-#: platens far from the filament
-AWAY = {"platen_top_um": 1000.0, "platen_bottom_um": -1000.0}
+#: platens far from the filament, and few neighbour bins in the wide boxes of experiments
+AWAY = {"platen_top_um": 1000.0, "platen_bottom_um": -1000.0, "bin_um": 4 * D}
 ROWS = 20  # of what a static experiment writes
 
 
@@ -223,7 +223,7 @@ def chain_compliance(n: int, at: int, spacing: float, EI: float, tension: float 
     """Compliance of a simply supported chain of n bonds under tension, pushed at beads ``at`` and n - ``at`` by half a
     force each, um/nN.
 
-    Sine modes diagonalise it: (2/n) sum over odd k of sin^2(k pi at/n)/(16 EI S^2/s^3 + 4 P S/s), S = sin^2(k pi/(2 n)).
+    Sine modes diagonalise it: (2/n) sum over odd k of sin^2(k pi at/n)/(16 EI S^2/s^3 + 4 P S/s), S = sin^2(k pi/2 n).
     """
     k = np.arange(1, n, 2)
     S = np.sin(k * np.pi / (2 * n)) ** 2
@@ -613,7 +613,7 @@ def curved_rest_shape(folder: Path, level: str, spacing: float) -> list[Measured
         return _curved(folder, "curved rest shape", spacing, arc(radius), 40.0, (0.0, 0.0, 1.0))
     plan, straight = filament(level, spacing, 40.0)
     system = laid_along((plan, straight), arc(radius)(plan.beads.stations))
-    out = run(folder, system, moved(plan, 1e-9, 400, sample=400), **AWAY)
+    out = run(folder, system, moved(plan, 1e-9, 400, sample=400), [], **AWAY)
     hinged = 40.0 * D - spacing * D
     exact = straight.types[0].EI / radius**2 / 2 * hinged
     value = float(out.record.start["stored"])

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +44,7 @@ class Case:
 
     name: str
     measure: Callable[[Path, str, float], list[Measured]]
-    limits: Mapping[tuple[str, str] | str, Limit]
+    limits: Mapping[Any, Limit]
     levels: tuple[str, ...] = ("chain", "rod")
     spacings: tuple[float, ...] = SPACINGS
     quick: tuple[float, ...] = (2.0, 4.0)
@@ -90,8 +91,13 @@ def _capstan(nodes: int) -> Callable[[Path, str, float], list[Measured]]:
 
 
 CASES: tuple[Case, ...] = (
-    Case("axial", rods.axial, {"elongation": EXACT}),
-    Case("end load doubled", rods.end_load_doubled, {"elongation": Limit(1e-6, "settling of the loaded end")}),
+    Case("axial", rods.axial, {"elongation": EXACT}, quick=(1.0,)),
+    Case(
+        "end load doubled",
+        rods.end_load_doubled,
+        {"elongation": Limit(1e-6, "settling of the loaded end")},
+        quick=(1.0,),
+    ),
     Case(
         "cantilever",
         rods.cantilever,
@@ -121,6 +127,7 @@ CASES: tuple[Case, ...] = (
             ("shortening", "rod"): Limit(1e-5, "chords cut the corners, nearly made up for", 4e-6),
         },
         findings={("deflection", "rod"): (1.6e-5, 7e-5, 3e-4, 1.2e-3)},
+        quick=(1.0, 2.0),
     ),
     Case(
         "buckling",
@@ -220,6 +227,7 @@ CASES: tuple[Case, ...] = (
         "sliding across",
         friction.sliding_across,
         {"F_t/F_n": COULOMB, "F along/F_n": Limit(1e-6, "beads in register: no bump along")},
+        quick=(1.0,),
     ),
     Case(
         "dragged between platens",
@@ -228,9 +236,10 @@ CASES: tuple[Case, ...] = (
             name: Limit(1e-6, "Coulomb's law, hooke; the platen moves on by 1e-9 of its speed")
             for name in ("F_t/F_n top", "F_t/F_n bottom", "normal force top", "normal force bottom")
         },
+        quick=(1.0,),
     ),
     *(
-        Case(f"line contact, {load:g} N/mm", _part(contact.line_contact, load=load), {"line load": HOOKE})
+        Case(f"line contact, {load:g} N/mm", _part(contact.line_contact, load=load), {"line load": HOOKE}, quick=(1.0,))
         for load in contact.LINE_LOADS
     ),
     *(
@@ -245,7 +254,7 @@ CASES: tuple[Case, ...] = (
         for load in contact.LINE_LOADS
     ),
     *(
-        Case(f"crossing at {angle:g} degrees", _part(contact.crossing, angle=angle), {"force": CROSSING})
+        Case(f"crossing at {angle:g} degrees", _part(contact.crossing, angle=angle), {"force": CROSSING}, quick=(1.0,))
         for angle in (90.0, 45.0, 20.0)
     ),
     Case(
@@ -273,6 +282,7 @@ CASES: tuple[Case, ...] = (
                 1e-2, "a swing of v/(omega d) about the pressed shape, both ways: 4 (1/(12 pi))^2 = 3e-3"
             ),
         },
+        quick=(4.0,),
     ),
     Case(
         "momentum",
@@ -281,8 +291,9 @@ CASES: tuple[Case, ...] = (
             "linear, change": Limit(1e-12, "pair forces: rounding"),
             "angular, change": Limit(1e-11, "pair forces and torques: rounding"),
         },
+        quick=(1.0,),
     ),
-    Case("frame", invariants.frame, FRAME),
+    Case("frame", invariants.frame, FRAME, quick=(2.0,)),
 )
 
 
