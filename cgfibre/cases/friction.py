@@ -36,20 +36,29 @@ class Pulley:
         """T2/T1 = exp(mu theta)."""
         return math.exp(self.friction * self.wrap)
 
+    def spacing(self, nodes: int) -> float:
+        """s/D of a chain with this many nodes on the pulley: 2 R sin(theta/(2 n))."""
+        return 2 * (self.radius / D + 0.5) * math.sin(self.wrap / nodes / 2)
+
+    def nodes(self, spacing: float) -> int:
+        """Nodes on the pulley nearest to s/D = ``spacing``."""
+        return max(1, round(self.wrap / 2 / math.asin(spacing / (2 * self.radius / D + 1))))
+
     def ratio_of(self, nodes: int) -> float:
         """T2/T1 of a chain that turns at this many nodes: ((1 + mu tan(a/2))/(1 - mu tan(a/2)))^n, a = theta/n."""
         slip = self.friction * math.tan(self.wrap / nodes / 2)
         return ((1 + slip) / (1 - slip)) ** nodes
 
 
-def capstan(folder: Path, level: str, nodes: int, pulley: Pulley | None = None) -> list[Measured]:
+def capstan(folder: Path, level: str, spacing: float, pulley: Pulley | None = None) -> list[Measured]:
     """A chain without bending stiffness over a turning pulley, one end held, 10 uN on the other: T2/T1 at the held end.
 
-    Level chain; ``nodes`` beads touch the pulley, the chain turns by theta/n at each.
+    Level chain; as many beads touch the pulley as s/D asks for (see Pulley.spacing), the chain turns evenly at them.
     """
     pulley = Pulley() if pulley is None else pulley
+    nodes = pulley.nodes(spacing)
     turn, axis = pulley.wrap / nodes, pulley.radius + D / 2
-    s = 2 * axis * math.sin(turn / 2)
+    s = pulley.spacing(nodes) * D
     assembly = filament(level, s / D, (nodes + 1) * s / D)
     plan = assembly[0]
     angle = (np.arange(nodes) + 0.5) * turn - pulley.wrap / 2
@@ -88,7 +97,7 @@ def capstan(folder: Path, level: str, nodes: int, pulley: Pulley | None = None) 
         raise RuntimeError(f"the chain does not slip steadily: {tension[-3:].tolist()}")
     ratio = float(tension[-1]) / 1e4
     stated = pulley.ratio_of(nodes) / pulley.ratio - 1
-    return [Measured(f"capstan, {nodes} nodes", level, s / D, "T2/T1", "1", ratio, pulley.ratio, out.time.cpu, stated)]
+    return [Measured("capstan", level, s / D, "T2/T1", "1", ratio, pulley.ratio, out.time.cpu, stated)]
 
 
 def _unit(x: float, z: float) -> FloatArray:
@@ -238,8 +247,8 @@ def _slide(
 
 
 def between_platens(folder: Path, level: str, spacing: float) -> list[Measured]:
-    """Both platens of friction 0.3 dent a filament by 0.01 um; it is dragged along and across: F_t/F_n on either, and
-    the normal force. A flat platen feels no bumps, so any direction will do."""
+    """Both platens of friction 0.3 dent a filament by 0.01 um; it is dragged along and across: F_t/F_n and the normal
+    force, of the platen that is further off. A flat platen feels no bumps, so any direction will do."""
     mu, dent = 0.3, 0.01
     plan, system = planned(
         {
@@ -271,10 +280,12 @@ def between_platens(folder: Path, level: str, spacing: float) -> list[Measured]:
         )
         top, bottom = out.rows("friction.txt")[-1, 1:].reshape(2, 3)
         case = f"dragged {direction} between platens"
+        ratios = [float(top[k] / top[2]), float(-bottom[k] / bottom[2])]
+        forces = [float(-top[2]), float(bottom[2])]
         found += [
-            Measured(case, level, spacing, "F_t/F_n top", "1", float(top[k] / top[2]), mu, out.time.cpu),
-            Measured(case, level, spacing, "F_t/F_n bottom", "1", float(-bottom[k] / bottom[2]), mu, 0.0),
-            Measured(case, level, spacing, "normal force top", "nN", float(-top[2]), normal, 0.0),
-            Measured(case, level, spacing, "normal force bottom", "nN", float(bottom[2]), normal, 0.0),
+            Measured(case, level, spacing, "F_t/F_n", "1", max(ratios, key=lambda x: abs(x - mu)), mu, out.time.cpu),
+            Measured(
+                case, level, spacing, "normal force", "nN", max(forces, key=lambda x: abs(x - normal)), normal, 0.0
+            ),
         ]
     return found
