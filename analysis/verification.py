@@ -66,7 +66,7 @@ FINDINGS = (
         ("pre-tensioned beam", "deflection", "chain"),
         _grid(1e-5, 2.5e-3, 1.1e-2, 3.2e-2),
         note=OWN
-        + "findings' chain took K = EI/s over its natural length, so 1/64 of strain made its EI 1/64 too large, "
+        + "findings' chain took K = EI/s over its natural length, so 1/64 of strain made its EI larger, "
         "-8.7e-4 in the deflection: that cancels the error at s = D/2 and hides as much of the others",
     ),
     Finding("rod, cantilever", ("cantilever", "deflection", "rod"), _grid(5e-5, 5e-5, 5e-5, 5e-5)),

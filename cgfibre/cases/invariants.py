@@ -160,7 +160,8 @@ FRAMES = {
 
 def frame(folder: Path, level: str, spacing: float) -> list[Measured]:
     """A cantilever bent far by a dead tip force F L^2/EI = 3, as built along x and turned as a whole: its tip, turned
-    back, and its bending energy, of the frame that is furthest off. A rod starts as a quarter circle across the force, so that it twists as well."""
+    back, and its bending energy, of the frame that is furthest off. A rod starts as a quarter circle across the force,
+    so that it twists as well."""
     length, load = 20.0, 3.0
     plan, straight = filament(level, spacing, length, {"ends.support": "clamped"})
     f, L = straight.types[0], length * D
