@@ -5,6 +5,7 @@ python analysis/verification.py    about eight minutes of one core
 
 from __future__ import annotations
 
+import math
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -65,8 +66,7 @@ FINDINGS = (
         "chain, pre-tensioned",
         ("pre-tensioned beam", "deflection", "chain"),
         _grid(1e-5, 2.5e-3, 1.1e-2, 3.2e-2),
-        note=OWN
-        + "findings' chain took K = EI/s over its natural length, so 1/64 of strain made its EI larger, "
+        note=OWN + "findings' chain took K = EI/s over its natural length, so 1/64 of strain made its EI larger, "
         "-8.7e-4 in the deflection: that cancels the error at s = D/2 and hides as much of the others",
     ),
     Finding("rod, cantilever", ("cantilever", "deflection", "rod"), _grid(5e-5, 5e-5, 5e-5, 5e-5)),
@@ -155,8 +155,9 @@ def number(x: float) -> str:
 def own_error(group: Sequence[Measured]) -> list[str]:
     """Columns: largest error of the method itself, and how far the measured ones are off it."""
     stated = max(abs(m.stated) for m in group)
-    off = max(abs(m.error - m.stated) for m in group)
-    return [number(stated) if stated > 1e-9 else "-", number(off)]
+    if stated < 1e-9:
+        return ["-", "-"]
+    return [number(stated), number(max(abs(m.error - m.stated) for m in group))]
 
 
 def orders(case: suite.Case, group: Sequence[Measured]) -> list[str]:
@@ -247,7 +248,8 @@ def short_table(found: dict[str, list[Measured]]) -> str:
         cells = []
         for level, s in columns:
             errors = [abs(m.error) for m in every if member(m) and m.level == level and m.spacing == s]
-            cells.append("" if not errors else f"{max(max(errors), 1e-12):.0e}".replace("e-0", "e-"))
+            worst = max(errors, default=math.nan)
+            cells.append("" if math.isnan(worst) else "<1e-9" if worst < 1e-9 else f"{worst:.0e}".replace("e-0", "e-"))
         rows.append([name, *cells])
     names = [f"{level} {'D/2' if s == 0.5 else 'D' if s == 1 else f'{s:g} D'}" if s else level for level, s in columns]
     return table(["worst relative error, s =", *names], rows)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cgfibre.cases import rods, suite
+from cgfibre.cases import friction, invariants, rods, suite
 from cgfibre.cases.experiment import Measured
 from cgfibre.mechanics import rod
 
@@ -82,6 +82,26 @@ def test_curved_cantilever_of_a_quarter_circle():
     assert out_of_plane[2] == pytest.approx(R**3 * (bending / f.EI + twist / f.GJ), rel=1e-6)
     in_plane = rods.curved_cantilever(rods.arc(R), np.pi / 2 * R, np.array([0.0, 1.0, 0.0]), f)
     assert in_plane[1] == pytest.approx((3 * np.pi / 4 - 2) * R**3 / f.EI, rel=1e-6)
+
+
+def test_bumps_and_pulleys_tend_to_smooth_ones():
+    """Smooth filaments slide at mu; without friction a bead gives back downhill what it took uphill."""
+    assert friction.mean_bump_friction(0.2, 1e-3, 7.0) == pytest.approx(0.2, rel=1e-6)
+    assert friction.mean_bump_friction(0.0, 7.0, 7.0) == pytest.approx(0.0, abs=1e-12)
+    pulley = friction.Pulley()
+    assert pulley.ratio_of(10**4) == pytest.approx(pulley.ratio, rel=1e-8)
+    assert [pulley.nodes(pulley.spacing(n)) for n in suite.CAPSTAN_NODES] == list(suite.CAPSTAN_NODES)
+
+
+def test_energy_of_a_bent_rod():
+    """Even curvature: EI kappa^2/2 a length, no shear; a stretch of e: EA e^2/2 a length."""
+    f = rods.planned({})[1].types[0]
+    a = np.linspace(0, 1e-3, 11)
+    x, z, turn = 70e3 * np.sin(a), 70e3 * (1 - np.cos(a)), -a
+    state = np.column_stack([x, z, np.cos(turn / 2), np.sin(turn / 2)])
+    assert invariants.rod_energy(state, 7.0, f) == pytest.approx(f.EI / 70e3**2 / 2 * 70.0, rel=1e-4)
+    straight = np.column_stack([7.007 * np.arange(11), np.zeros(11), np.ones(11), np.zeros(11)])
+    assert invariants.rod_energy(straight, 7.0, f) == pytest.approx(f.EA * 1e-6 / 2 * 70.0, rel=1e-9)
 
 
 def test_buckling_and_frequency_limits():

@@ -499,8 +499,8 @@ def torsion(folder: Path, level: str, spacing: float, length: float = 40.0, turn
 
 
 def torsion_of_three_radians(folder: Path, level: str, spacing: float) -> list[Measured]:
-    """:func:`torsion` of eight bonds with 3 rad on each."""
-    return torsion(folder, level, spacing, 8 * spacing, 12.0)
+    """:func:`torsion` of ten bonds with 3 rad on each."""
+    return torsion(folder, level, spacing, 10 * spacing, 15.0)
 
 
 # --- curved rest shapes ----------------------------------------------------------------------------------------------

@@ -21,8 +21,8 @@ CAPSTAN_NODES = (60, 30, 15, 8, 4)
 class Limit:
     """How far a measured error may be from the stated one: ``flat`` + ``square`` (s/D)^2, and why.
 
-    ``order``: with which power of s/D the error shall fall (None: not tested). Where the method's own error is stated,
-    its order over the same spacings is taken (asymptotic orders are only met by fine beads).
+    ``order``: with which power of s/D the error shall fall. None: the order of the stated errors over the same
+    spacings, where they are noticeable (asymptotic orders are only met by fine beads); nan: not tested.
     """
 
     flat: float
@@ -58,12 +58,14 @@ class Case:
 
 EXACT = Limit(1e-9, "exact: rounding and what is left of the settling")
 SETTLED = Limit(1e-5, "theory's own error is stated; settling to 1e-6, large deflection (L/1000 to L/300)")
-HOOKE = Limit(1e-9, "linear law: the ratio of secants is stated")
+HOOKE = Limit(1e-9, "linear law: the ratio of secants is stated, of no order in s", order=float("nan"))
 COULOMB = Limit(1e-5, "Coulomb's law; damping of the push, 1e-6")
 DISC = Limit(1e-6, "a spring in series with the contact; rest to 1e-6")
 BUMPS = {
     "mean F/N": Limit(1e-3, "quasi-static: the bead's bounce in the nest at this speed"),
-    "peak F/N": Limit(5e-3, "rounding of the peak by the overlap is stated to first order; one of 2000 rows a period"),
+    "peak F/N": Limit(
+        5e-3, "rounding by the overlap is stated to first order; one of 2000 rows a period", order=float("nan")
+    ),
     "nested distance": Limit(1e-3, "overlap of 5e-4 D, and the bounce"),
 }
 FRAME = {
@@ -302,7 +304,7 @@ def expected_order(case: Case, group: Sequence[Measured]) -> float | None:
         return None
     asked = case.limit(group[0]).order
     if asked is not None:
-        return asked
+        return None if np.isnan(asked) else asked
     stated = [m.stated for m in group]
     if min(abs(x) for x in stated) < NOTICEABLE or len(set(np.round(stated, 12))) == 1:
         return None
