@@ -314,16 +314,14 @@ def press(folder: Path, level: str, spacing: float, changes: Mapping[str, object
     """
     plan, system = planned({"model.level": level, "model.spacing": f"{spacing * D:.17g} um"} | dict(changes))
     f = system.types[0]
-    length = float(system.box[0, 1] - system.box[0, 0]) - 2 * D
     clamped = int(np.sum(plan.beads.role == LEFT)) == 2
-    if clamped:
-        length -= 2 * spacing * D
+    length = float(plan.beads.stations[-2 if clamped else -1])
     if "platens.width" not in changes:
         plan = pressed_at(plan, length / 2 - 0.1, length / 2 + 0.1)
     free = 0.66 * length if clamped else length
     frequency = float(rod.bending_frequency(free, f.EI, f.mass_per_length, tension=plan.beads.tension))
     stop = 0.1 if level == "chain" else 0.2
-    load = 1000 * math.ceil(settling_steps(plan, frequency, 1e-6) / 2000)
+    load = 1000 * math.ceil(settling_steps(plan, frequency, 1e-8) / 2000)
     plan = moved(plan, stop / load / plan.timestep, load, max(5000, 2 * load))
     supports = (
         "fix supports all ave/time 10 100 1000 f_hold_left[3] f_hold_right[3] c_wall_top "
