@@ -45,7 +45,8 @@ def line_contact(folder: Path, level: str, spacing: float, load: float = 1.0) ->
     # a bead's own partner, and at small spacings its partner's neighbours as well: they touch once the approach is more
     # than D - sqrt(D^2 - s^2)
     apart = np.hypot(at[:, None] - at, D - approach)
-    pushed = plan.contact.kn * np.sum(np.maximum(D - apart, 0) * (D - approach) / apart)
+    bead = float(pair.secant_stiffness(1e6)) * length / len(at)
+    pushed = bead * np.sum(np.maximum(D - apart, 0) * (D - approach) / apart)
     stated = float(pushed) / length / line_load - 1
     case = f"line contact, {load:g} N/mm"
     return [Measured(case, level, spacing, "line load", "nN/um", force / length, line_load, cpu, stated)]

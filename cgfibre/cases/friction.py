@@ -11,7 +11,7 @@ from scipy.integrate import quad
 
 from cgfibre.build.bundle import BundleSpec, build_bundle
 from cgfibre.build.system import FilamentSystem, FloatArray
-from cgfibre.cases.experiment import Measured, moved, planned, run
+from cgfibre.cases.experiment import Measured, moved, planned, run, scene
 from cgfibre.cases.rods import AWAY, D, critical_drag, end_drag, filament, laid_along
 from cgfibre.mechanics import contact
 from cgfibre.plan.model import CONTACT, Plan
@@ -260,7 +260,10 @@ def between_platens(folder: Path, level: str, spacing: float) -> list[Measured]:
     )
     plan = moved(plan, 1e-9, 4000)
     speed = 0.05 / 4000 / plan.timestep
-    normal = int(np.sum(plan.beads.role == CONTACT)) * plan.platens.kn * dent
+    f = scene({}).filament
+    on_platen = contact.LineContact.on_rigid_plane(D / 2, f.E2, f.nu23)
+    touching = int(np.sum(plan.beads.role == CONTACT)) * spacing * D
+    normal = float(on_platen.secant_stiffness(1e6)) * touching * dent  # contact.line_load of the scene: 1 N/mm
     found = []
     for k, direction in enumerate(("along", "across")):
         out = run(
