@@ -177,6 +177,8 @@ def _guards(plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames, sw
                 f"beads past the {('top', 'bottom')[side]} platen",
             )
         )
+    if plan.level != "section":
+        found.append(guards.stretch(system, frames, plan.axial_softening))
     found.append(guards.force_balance(curve, applies=plan.beads.support == "periodic"))
     if plan.platens.top_span is not None:
         found.append(_slide_guard(plan, system, frames))

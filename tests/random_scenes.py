@@ -32,7 +32,6 @@ from cgfibre.scene import Scene, scene_from_dict
 
 #: keys that a refusal may name
 TABLES = ("filament", "assembly", "ends", "platens", "contact", "model", "output")
-RINGS = (1, 7, 19, 37)
 #: engine seconds that a scene may be planned to take; a dearer one is pressed faster
 CAP = 2.0
 #: seconds beyond which a scene counts as hung: planning and building, or all of it (on a busy machine)
@@ -84,9 +83,9 @@ def random_scenes(draw: st.DrawFn) -> dict[str, Any]:
             ["circular"] * 6 + ["hexagonal", "rectangular", "elliptic", "racetrack", "virtual", "random", "random"]
         )
     )
-    count = draw(st.sampled_from(RINGS) if arrangement == "circular" else st.integers(1, 37))
+    count = draw(st.sampled_from([1, 7, 7, 7, 19, 37]) if arrangement == "circular" else st.integers(1, 37))
     level = draw(st.sampled_from(["auto", "auto", "chain", "chain", "rod", "section", "section"]))
-    slender = draw(st.one_of(_decades(4.5, 60), _decades(4.5, 60), _decades(60, 3000)))
+    slender = draw(st.one_of(_decades(4.5, 20), _decades(4.5, 20), _decades(20, 100), _decades(100, 3000)))
     length = slender * d
     assembly: dict[str, Any] = {"count": count, "arrangement": arrangement, "length": _um(length)}
     if arrangement == "random":
@@ -109,12 +108,12 @@ def random_scenes(draw: st.DrawFn) -> dict[str, Any]:
             "period": _um(max(length, 4 * d) * draw(st.sampled_from([0.5, 2.0, 10.0]))),
             "minimum_radius": draw(st.sampled_from([0.0, 0.3, 0.9])),
         }
-    assembly["jitter"] = _um(d * draw(st.sampled_from([0.0, 0.0, 1e-3, 9e-3, 0.05])))
+    assembly["jitter"] = _um(d * draw(st.sampled_from([0.0, 1e-3, 1e-3, 9e-3, 0.05 if "pitch" not in assembly else 0.0])))
     assembly["seed"] = draw(st.integers(0, 999))
     ends: dict[str, Any] = {}
     if along:
         ends["support"] = draw(st.sampled_from(["simply-supported"] * 3 + ["clamped", "symmetry"]))
-    strain = draw(_maybe(st.one_of(st.just(0.0), _decades(1e-8, 0.06))))
+    strain = draw(_maybe(st.one_of(st.just(0.0), _decades(1e-8, 0.06), _decades(1e-6, 1e-3))))
     if strain is not None:
         young = filament.get("E1")
         kilopascal = 1e6 * _number(young) if young else MATERIALS[filament["material"]].E1
@@ -128,12 +127,12 @@ def random_scenes(draw: st.DrawFn) -> dict[str, Any]:
             platens |= {"crimp_side": draw(st.sampled_from(["both", "top"]))}
         if draw(st.integers(0, 3)) == 0:
             platens["bottom_width"] = draw(st.sampled_from([_um(max(d, 0.5 * length)), "full"]))
-    if draw(st.integers(0, 2)):
-        platens["speed"] = f"{draw(_decades(1e-4, 300))} m/s"
+    if draw(st.booleans()):
+        platens["speed"] = f"{draw(st.one_of(_decades(1e-4, 300), _decades(1e-2, 1)))} m/s"
     platens["stop"] = draw(
         st.one_of(
-            st.sampled_from([0.02, 0.1, 0.3, 0.6, 2.0]).map(lambda x: {"displacement": _um(x * d)}),
-            st.sampled_from([1.02, 1.5, 2.5, 4.0]).map(lambda x: {"thickness": _um(x * d)}),
+            st.sampled_from([0.02, 0.1, 0.3, 0.3, 0.6] + [2.0] * (count > 6)).map(lambda x: {"displacement": _um(x * d)}),
+            st.sampled_from([1.02, 1.5, 2.5, 4.0] if count > 6 else [1.01, 1.5]).map(lambda x: {"thickness": _um(x * d)}),
             _decades(1e-6, 1.0).map(lambda x: {"force": f"{x} N"}),
             _decades(1e-4, 1e2).map(lambda x: {"pressure": f"{x} MPa"}),
         )
@@ -144,13 +143,16 @@ def random_scenes(draw: st.DrawFn) -> dict[str, Any]:
     contact: dict[str, Any] = {"friction": draw(st.sampled_from([0.0, 0.2, 0.2, 0.6, 2.0]))}
     contact["law"] = draw(st.sampled_from(["auto", "auto", "hooke"] + ["hertz"] * along))
     for key, values in (
-        ("softening", st.one_of(st.sampled_from([1.0, 10.0]), _decades(1, 1e6))),
+        ("softening", st.one_of(st.sampled_from([1.0, 10.0]), _decades(1, 1e5))),
         ("damping_ratio", st.sampled_from([0.01, 0.1, 1.0])),
         ("line_load", _decades(1e-3, 1e2).map(lambda x: f"{x} N/mm")),
     ):
-        value = draw(_maybe(values, 2))
+        value = draw(_maybe(values, 3))
         if value is not None:
             contact[key] = value
+    if "E2" in filament and draw(st.integers(0, 9)):
+        # a load that a filament of this modulus bears
+        contact["line_load"] = f"{1e3 * _number(filament['E2']) * d * 1e-3 * draw(_decades(1e-3, 0.05)):.4g} N/mm"
     model: dict[str, Any] = {"level": level, "accuracy": draw(st.sampled_from([0.05, 0.05, 0.02, 0.2]))}
     if along:
         options: Mapping[str, st.SearchStrategy[Any]] = {
@@ -192,19 +194,26 @@ def _number(text: str) -> float:
 
 
 def scenes_of(block: int, size: int = 25) -> list[dict[str, Any]]:
-    """The ``size`` scenes of one block: the same number, the same scenes (of one version of hypothesis)."""
+    """The ``size`` scenes of one block: the same number, the same scenes (of one version of hypothesis).
+
+    Each from a seed of its own: hypothesis likes to repeat itself within one run.
+    """
+    return [_scene_of(block * size + i) for i in range(size)]
+
+
+def _scene_of(number: int) -> dict[str, Any]:
     found: list[dict[str, Any]] = []
 
-    @seed(block)
+    @seed(number)
     @settings(
-        max_examples=size + 1, database=None, deadline=None, phases=[Phase.generate], suppress_health_check=HealthCheck
+        max_examples=2, database=None, deadline=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck)
     )
     @given(random_scenes())
     def collect(data: dict[str, Any]) -> None:
         found.append(copy.deepcopy(data))
 
     collect()
-    return found[1 : size + 1]  # the first of every block is the same, the simplest
+    return found[-1]  # the first is always the same, the simplest
 
 
 @dataclass

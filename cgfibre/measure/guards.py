@@ -324,6 +324,29 @@ def axis_distance(system: FilamentSystem, positions: FloatArray, limit: float = 
     return Guard(name, value > limit, value, limit, f"{name}: least {shown} of the diameter (limit {limit:.3g})")
 
 
+def stretch(system: FilamentSystem, frames: Frames, softening: float, limit: float = 0.01) -> Guard:
+    """Largest axial strain of a segment in any frame that is owed to softening: |l/l0 - 1| (1 - 1/softening).
+
+    l0 is the length as built, end load included. Softened EA lengthens the step; where the ends cannot follow
+    (clamped, periodic) or friction holds, filaments stretch and shorten ``softening`` times too much.
+    """
+    name = "stretch of softened filaments"
+    if softening <= 1.0:
+        return _not_applicable(name, limit, "filaments have their real axial stiffness")
+    bonds = system.bonds()
+    built = system.bond_lengths()
+    size = system.box[:, 1] - system.box[:, 0]
+    worst = 0.0
+    for positions in frames.positions:
+        u = positions[bonds[:, 1]] - positions[bonds[:, 0]]
+        for axis in np.flatnonzero(system.periodic):
+            u[:, axis] -= size[axis] * np.round(u[:, axis] / size[axis])
+        worst = max(worst, float(np.max(np.abs(np.linalg.norm(u, axis=1) / built - 1), initial=0.0)))
+    value = worst * (1 - 1 / softening)
+    message = f"{name}: {value:.2g} (limit {limit:.2g}), softened {softening:.4g} times; lower model.axial_softening"
+    return Guard(name, value <= limit, value, limit, message)
+
+
 def quasi_static(curve: Curve, after_um: float, limit: float = 0.05) -> Guard:
     """Largest kinetic energy over the work done so far, from the first sample at a displacement of ``after_um`` on.
 
