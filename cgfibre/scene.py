@@ -537,6 +537,11 @@ def _check_tension(scene: Scene) -> None:
     if scene.ends.tension > 0.05 * scene.filament.EA:
         most = units.format(float(f"{0.05 * scene.filament.EA:.3g}"), "nN")
         raise _refusal("ends.tension", scene.ends._shown("tension"), f"at most {most} a filament, a strain of 5 %")
+    softening = scene.model.axial_softening
+    if softening != "auto" and scene.ends.tension * float(softening) > 0.05 * scene.filament.EA:
+        most = f"{0.05 * scene.filament.EA / scene.ends.tension:.3g}"
+        expected = f"'auto' or at most {most}: softened filaments would stretch by more than 5 % under ends.tension"
+        raise _refusal("model.axial_softening", softening, expected)
 
 
 def _check_stop(scene: Scene) -> None:

@@ -18,6 +18,7 @@ from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, ROD_
 
 ROLES = 5
 NEAR = 0.5  # of D: beads this near to a platen are given to its wall for a block of steps
+GHOST_SPACINGS = 2.5  # bead spacings that ghost beads must reach at least: rods of two ranks are wrong below 2
 EDGE = 1e-3  # um: a bead that stands on a platen's edge counts as under it
 #: smallest rest bend at which angle harmonic is safe: below 1 mrad it is silently wrong (lammps-findings)
 HARMONIC_BEND = 0.01
@@ -102,6 +103,7 @@ def _common(system: FilamentSystem, plan: Plan) -> dict[str, float | int | str]:
     bottom_lo, bottom_hi = _span_words(p.bottom_span)
     values: dict[str, float | int | str] = {
         "timestep_us": plan.timestep,
+        "timestep_limit_us": plan.timestep_limit,
         "filament_types": len(system.types),
         "largest_diameter_um": float(np.max(system.diameter)),
         "drag": plan.drag,
@@ -226,9 +228,10 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
     else:
         angle_kind, first = group_types(stiffness)
         rows = [(float(stiffness[i]),) for i in first]
+    limit = plan.timestep_limit
     topologies = [bond, Topology("Angle", angles, angle_kind, rows, style)]
     if plan.torsion == "dihedral":
-        _check_dihedral_step(system, plan, bend, mass)
+        limit = _dihedral_step(system, plan, bend, mass)
         topologies.append(_dihedrals(system))
     diameter = system.diameter[system.filament_of_bead]
     n_types = ROLES * len(types)
@@ -254,9 +257,11 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
     )
     parameters = _common(system, plan) | {
         "ghost_cutoff_um": _ghost_cutoff(system, plan),
+        "ghost_least_um": GHOST_SPACINGS * plan.spacing,
         "bin_um": _bin_size(system),
         # long bonds, of a far field or to held beads, must not cross from rank to rank
         "ranks_along_x": "*" if plan.beads.far_field == "none" and plan.beads.support != "symmetric" else "1",
+        "timestep_limit_us": limit,
         "angle_style": style,
         "torsion": plan.torsion,
         "support": plan.beads.support,
@@ -273,7 +278,7 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
 def _ghost_cutoff(system: FilamentSystem, plan: Plan) -> float:
     """Reach of ghost beads, um. With a far field ranks share the filaments out across y and z, never along x, so its
     long bonds need no reach."""
-    return 2.5 * plan.spacing + float(np.max(system.diameter)) + 2.0
+    return GHOST_SPACINGS * plan.spacing + float(np.max(system.diameter)) + 2.0
 
 
 def _check_curved(bend: FloatArray) -> None:
@@ -288,8 +293,9 @@ def _check_curved(bend: FloatArray) -> None:
         )
 
 
-def _check_dihedral_step(system: FilamentSystem, plan: Plan, bend: FloatArray, mass: FloatArray) -> None:
-    """Refuse a time step that dihedrals make unstable: omega^2 = 64 GJ/(s^3 theta^2 m) for a bend theta a bead.
+def _dihedral_step(system: FilamentSystem, plan: Plan, bend: FloatArray, mass: FloatArray) -> float:
+    """Limit of the time step with dihedrals, us: omega^2 = 64 GJ/(s^3 theta^2 m) for a bend theta a bead; refuses a
+    plan's step above it.
 
     A dihedral's angle is (b.(r1 - 3 r2 + 3 r3 - r4))/(s theta), b the binormal: 2^6 for beads that move by turns.
     """
@@ -307,6 +313,7 @@ def _check_dihedral_step(system: FilamentSystem, plan: Plan, bend: FloatArray, m
             f"at most {0.65 * limit:.3g} us: dihedrals on filaments bent by "
             f"{float(np.min(theta)):.2g} rad a bead are stiffer than bending",
         )
+    return limit
 
 
 def _dihedrals(system: FilamentSystem) -> Topology:
@@ -402,6 +409,7 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
     )
     parameters = _common(system, plan) | {
         "ghost_cutoff_um": _ghost_cutoff(system, plan),
+        "ghost_least_um": GHOST_SPACINGS * plan.spacing,
         "bin_um": _bin_size(system),
         "ranks_along_x": "*" if plan.beads.far_field == "none" else "1",
         "turning_drag": plan.turning_drag,

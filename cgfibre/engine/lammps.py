@@ -27,6 +27,11 @@ MPI_LIBRARY = "libmpi.so.12"
 WRONG_ENGINE = "check the path and that it is LAMMPS (--engine, CGFIBRE_LMP); cgfibre doctor looks at the rest"
 #: name in the log -> what a user can do about it
 REMEDIES: tuple[tuple[str, str, str], ...] = (
+    (
+        r"unsafe tunable",
+        "a tunable of the deck is where the method fails",
+        "give it a value within its limit; -var unsafe 1 runs it all the same",
+    ),
     (r"Lost atoms", "beads left the box", "halve the time step (--set model.timestep=...) or the platen speed"),
     (
         r"Bond atoms? .*missing",
@@ -37,6 +42,12 @@ REMEDIES: tuple[tuple[str, str, str], ...] = (
         r"Non-numeric|\bnan\b",
         "a force or a position is not a number",
         "halve the time step; check for coincident filaments",
+    ),
+    (
+        r"fix-id flown",
+        "beads flew apart: the run became unstable",
+        "halve the time step (--set model.timestep=...) or the platen speed; soften less (model.axial_softening, "
+        "contact.softening)",
     ),
     (
         r"Too many neighbor bins|Bond length|Angle extent|Atom coordinates",

@@ -67,6 +67,12 @@ def choose_far_field(scene: Scene, level: str, zone: tuple[float, float]) -> tup
                 'graded: the condensed form needs level = "chain" and '
                 "simply-supported ends (it has no bead for a rod's rotation)",
             )
+        beyond = max(zone[0], length - zone[1])
+        if asked != "none" and beyond <= 2 * scene.filament.diameter:
+            if asked == "condensed":
+                expected = f"'auto' or 'none': only {beyond:.3g} um are left beyond the zone that needs fine beads"
+                raise InputError("model.far_field", asked, expected)
+            return "none", "the fine zone is all of the filament, nothing is left to grade"
         return asked, "as asked in the scene"
     if length <= FAR_FIELD_RATIO * (zone[1] - zone[0]) or scene.ends.support == "symmetry":
         return "none", "the fine zone is most of the filament"

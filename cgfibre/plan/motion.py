@@ -71,7 +71,11 @@ def planned_displacement(scene: Scene, height: float, width: float, n_filaments:
         return height - stop.thickness
     # a stop by force or pressure comes where it comes; no later than solid filaments spread to SPREAD times the width
     solid = n_filaments * math.pi * d**2 / 4 / (DENSEST * SPREAD * max(width, height))
-    return min(deepest, height - solid)
+    depth = min(deepest, height - solid)
+    if depth < 1e-3 * d:
+        expected = f"an assembly of more than one layer: this one is {height:.4g} um high, as thin as {thinnest:g} um"
+        raise InputError(f"platens.stop.{stop.kind}", stop.value, expected)
+    return depth
 
 
 @dataclass(frozen=True)
