@@ -79,11 +79,12 @@ def run(
     system: FilamentSystem,
     plan: Plan,
     commands: Sequence[str] = (),
+    ranks: int = 1,
     **variables: float | str,
 ) -> Outcome:
     """Write the deck of the plan's level and run it; ``commands`` go before its phases, as a user may add them.
 
-    ``variables`` go to the deck as ``-var``. Raises EngineError when the engine stops.
+    ``ranks`` MPI ranks; ``variables`` go to the deck as ``-var``. Raises EngineError when the engine stops.
     """
     deck = assemble(system, plan)
     write_deck(folder, deck.name, deck.parameters, "cgfibre experiment")
@@ -95,7 +96,7 @@ def run(
     if text.count(last) != 1:
         raise ValueError(f"{deck.name} has no line of its own for the phases")
     (folder / deck.name).write_text(text.replace(last, "\n".join([*commands, last])))
-    spent = run_deck(find_engine(), folder, deck.name, 1, {k: str(v) for k, v in variables.items()})
+    spent = run_deck(find_engine(), folder, deck.name, ranks, {k: str(v) for k, v in variables.items()})
     return Outcome(folder, read_record(folder), spent)
 
 

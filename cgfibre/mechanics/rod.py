@@ -339,6 +339,20 @@ def limiting_time_step(stiffness: npt.ArrayLike, mass: npt.ArrayLike) -> np.floa
     return np.float64(2 / np.sqrt(np.max(positive("stiffness", stiffness) / positive("mass", mass))))
 
 
+def damped_time_step(frequency_squared: npt.ArrayLike, damping_rate: npt.ArrayLike) -> FloatArray:
+    r"""Longest stable step of x'' + c x' + omega^2 x = 0, us; ``frequency_squared`` omega^2 > 0, ``damping_rate`` c.
+
+    The engine's velocity-Verlet evaluates a force at the new position and the velocity of half a step before, so z^2 -
+    (2 - c h - omega^2 h^2) z + 1 - c h = 0: |z| <= 1 while omega^2 h^2 + 2 c h <= 4,
+
+    h = 4/(c + sqrt(c^2 + 4 omega^2)) = (2/omega) (sqrt(1 + zeta^2) - zeta), zeta = c/(2 omega).
+
+    Damping shortens the step: 0.74 of 2/omega at zeta = 0.3, 0.41 at 1.
+    """
+    w2, c = positive("frequency_squared", frequency_squared), non_negative("damping_rate", damping_rate)
+    return 4 / (c + np.sqrt(c**2 + 4 * w2))
+
+
 def mass_for_time_step(stiffness: npt.ArrayLike, timestep: npt.ArrayLike, *, fraction: float = 0.65) -> FloatArray:
     """Least bead masses that make ``timestep`` ``fraction`` of the limit: m_i = k_i (dt / (2 fraction))^2, pg.
 
