@@ -105,8 +105,11 @@ def hinge_against_bend(
 # --- rods ------------------------------------------------------------------------------------------------------------
 
 
-def twist_torque(bench: Bench, direction: FloatArray, turn: float) -> float:
-    """Torque on a bead turned by ``turn`` about a straight rod's axis, over 2 GJ/s; the rod along ``direction``."""
+def twist_torque(bench: Bench, direction: FloatArray, turn: float, axis: FloatArray | None = None) -> float:
+    """Torque on a bead turned by ``turn`` over the stiffness of its two bonds; the rod along ``direction``.
+
+    About the rod's own axis 2 GJ/s, about another one across it 2 EI/s and the shear ks s^2/2.
+    """
     plan, system = straight("rod", 8)
     f = system.types[0]
     middle = len(system.positions) // 2
@@ -115,7 +118,9 @@ def twist_torque(bench: Bench, direction: FloatArray, turn: float) -> float:
     reach = float(np.max(np.abs(positions))) + 4 * D
     box = np.column_stack([np.full(3, -reach), np.full(3, reach)])
     system = replace(system, positions=positions, box=box)
-    x, y, z = direction
+    x, y, z = direction if axis is None else axis
+    c = rod.rod_coefficients(D, f.EA, f.EI, f.GJ, f.kGA)
+    stiffness = 2 * f.GJ / D if axis is None else float(2 * c.kb + c.ks * D**2 / 2)
     out = bench.run(
         system,
         moved(plan, 1e-9, 20, sample=20),
@@ -129,7 +134,7 @@ def twist_torque(bench: Bench, direction: FloatArray, turn: float) -> float:
         **dict(AWAY) | dict(FREE["rod"]),
     )
     torque = dumped(out.folder / "torque.txt")[middle, 1:]
-    return float(-torque @ direction / (2 * f.GJ / D))
+    return float(-torque @ np.array([x, y, z]) / stiffness)
 
 
 def torsion_against_tilt(
@@ -144,11 +149,50 @@ def torsion_against_tilt(
 
 
 def torsion_against_turn(
-    bench: Bench, turns: Sequence[float] = (0.5, 1.0, 2.0, 3.0, 3.1, 3.2, 4.0, 5.0, 6.0)
+    bench: Bench, turns: Sequence[float] = (0.5, 1.5, 2.5, 3.1, 3.2, 4.0, 5.0, 6.2, 6.4, 7.0, 8.0)
 ) -> Iterator[Point]:
-    """Torque of a bond over GJ/s (rad) against its twist: linear, as it should be, up to pi."""
+    """Torque of a bond over its stiffness (rad) against its turn: linear as it should be, twist to 2 pi, bending to pi.
+
+    Twist is known by half its angle and its sense, so 2 pi is lost beyond 2 pi; of bending only the cosine is.
+    """
+    along, across = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
     for turn in turns:
-        yield Point("rod, s = D", turn, twist_torque(bench, np.array([1.0, 0.0, 0.0]), turn), turn, bench.lap())
+        yield Point("twist", turn, twist_torque(bench, along, turn), turn, bench.lap())
+    for turn in turns:
+        yield Point("bending", turn, twist_torque(bench, along, turn, across), turn, bench.lap())
+
+
+def damped_rod_step(trial: Trial, damping: float) -> float:
+    """Limit of a rod whose bonds are damped by this part of critical, us: the least over its stiffest modes."""
+    plan, f = trial.plan, trial.system.types[0]
+    s = float(np.diff(plan.beads.stations)[0])
+    mass = f.mass_per_length * s
+    inertia = rod.SPHERE_INERTIA * mass * f.diameter**2
+    c = rod.rod_coefficients(s, f.EA / plan.axial_softening, f.EI, f.GJ, f.kGA)
+    return min(
+        float(rod.damped_time_step(lever * k / m, lever * damping * math.sqrt(k * own) / m))
+        for k, lever, m, own in (
+            (c.kr, 4.0, mass, mass),
+            (c.ks, 4.0, mass, mass),
+            (c.ks, s**2, inertia, mass),
+            (c.kt, 4.0, inertia, inertia),
+            (c.kb, 4.0, inertia, inertia),
+        )
+    )
+
+
+def step_against_rod_damping(
+    bench: Bench, dampings: Sequence[float] = (0.01, 0.05, 0.1, 0.2, 0.5, 1.0), diameters: Sequence[float] = (7.0, 300.0)
+) -> Iterator[Point]:
+    """Time step limit of a rod against the damping of its bonds, for thin and thick filaments alike."""
+    for diameter in diameters:
+        for damping in dampings:
+            changes = {"filament.diameter": f"{diameter} um", "model.axial_softening": 1.0}
+            trial = filament_trial("rod", diameter, changes)
+            trial = replace(trial, variables={"rod_damping": damping})
+            predicted = damped_rod_step(trial, damping)
+            found = trial.limit(bench, predicted)
+            yield Point(f"D = {diameter:g} um", damping, found, predicted, bench.lap(), trial.plan.timestep)
 
 
 #: kinetic energy of a burst rod over that at the end of loading, for the picture
@@ -291,12 +335,17 @@ class Shared:
 
 
 def ghosts_against_spacing(bench: Bench, ratios: Sequence[float] = (4.0, 8.0)) -> Iterator[Point]:
-    """Least reach of ghosts (um) against s/D; used: the deck's 2.5 s + D + 2 um."""
+    """Least reach of ghosts (um) against s/D; used: the deck's 2.5 s + D + 2 um.
+
+    A chain's owner of an angle is its middle bead, so s beyond a bead on the border (s/2 beyond a border at mid-bond)
+    is enough; rods want one bond more.
+    """
     for level in ("chain", "rod"):
         for at_bead in (True, False):
             for ratio in ratios:
                 s = ratio * D
-                exact = s if at_bead else s / 2
+                # a rod's bending energy is that of angles that every rank counts for its own beads at their ends
+                exact = s * ((1.0 if at_bead else 0.5) + (level == "rod"))
                 found, silent = Shared(level, s, at_bead).least_cutoff(bench, exact)
                 name = f"{level}, border at {'a bead' if at_bead else 'mid-bond'}"
                 name += f" ({silent} trials silently wrong)" if silent else ""
@@ -346,9 +395,13 @@ def force_against_speed(
 FIBRES = ("nylon", "E-glass", "steel wire", "T700 carbon", "E-glass yarn")
 
 
-def of_material(level: str, material: str, shear: float | None = None) -> Trial:
+def of_material(level: str, material: str, shear: float | None = None, softening: float = 1e6) -> Trial:
     """One filament of a material of :data:`FIBRES`, s = D; ``shear`` kPa in the place of its G12."""
-    changes: dict[str, object] = {"filament.material": material, "model.axial_softening": 1.0}
+    changes: dict[str, object] = {
+        "filament.material": material,
+        "model.axial_softening": 1.0,
+        "contact.softening": softening,
+    }
     if shear is not None:
         changes["filament.G12"] = f"{shear} kPa"
     return filament_trial(level, MATERIALS[material].diameter, changes)
@@ -402,7 +455,7 @@ def deflections_of_materials(
     cases = [(level, name, None) for level in ("chain", "rod") for name in FIBRES]
     cases += [("rod", "T700 carbon", ratio) for ratio in ratios]
     for level, name, ratio in cases:
-        trial = of_material(level, name, None if ratio is None else MATERIALS[name].E1 / 2 / ratio)
+        trial = of_material(level, name, None if ratio is None else MATERIALS[name].E1 / 2 / ratio, softening=1.0)
         f = trial.system.types[0]
         measured, exact = mid_span_compliance(bench, trial)
         series = f"{level}, {name}" if ratio is None else "rod, carbon with another G12"
