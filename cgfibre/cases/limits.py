@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +20,9 @@ from cgfibre.mechanics import rod
 from cgfibre.plan.model import Plan
 
 #: platens out of reach
-AWAY: Mapping[str, float] = MappingProxyType({"platen_top_um": 1000.0, "platen_bottom_um": -1000.0})
+AWAY: Mapping[str, Any] = MappingProxyType({"platen_top_um": 1000.0, "platen_bottom_um": -1000.0})
 #: no background drag
-FREE: Mapping[str, Mapping[str, float]] = MappingProxyType(
+FREE: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         "chain": {"drag": 0.0},
         "rod": {"drag": 0.0, "turning_drag": 0.0},
@@ -155,7 +156,7 @@ class Trial:
     def survives(self, bench: Bench, timestep: float) -> bool:
         """Whether the kinetic energy stays below :data:`BURST` times its first values at this time step, us."""
         plan = moved(self.plan, 1e-9, TRIAL_STEPS, sample=20)
-        variables = dict(AWAY) | dict(FREE[plan.level]) | dict(self.variables) | {"timestep_us": timestep}
+        variables: dict[str, Any] = {**AWAY, **FREE[plan.level], **self.variables, "timestep_us": timestep}
         # beads that fly apart make a box that takes long: stop them well beyond BURST times what the noise holds
         held = (
             self.system.n_beads * float(np.max(plan.beads.mass)) * (2 * self.amplitude / self.plan.timestep_limit) ** 2
@@ -336,16 +337,16 @@ def caged_step(trial: Trial) -> float:
     )
 
 
-def step_against_contact(
-    bench: Bench, softenings: Sequence[float] = (0.01, 0.1, 1.0, 10.0, 100.0)
-) -> Iterator[Point]:
+def step_against_contact(bench: Bench, softenings: Sequence[float] = (0.01, 0.1, 1.0, 10.0, 100.0)) -> Iterator[Point]:
     """Time step limit of caged filaments against the softening of their contacts, hardly damped."""
     for level, rings in (("section", 10), ("chain", 3), ("rod", 3)):
         for softening in softenings:
             trial = caged(level, rings, softening)
             predicted = caged_step(trial)
             found = trial.limit(bench, predicted)
-            used = trial.plan.timestep if softening >= 1 else math.nan  # no scene is let have contacts stiffer than real
+            used = (
+                trial.plan.timestep if softening >= 1 else math.nan
+            )  # no scene is let have contacts stiffer than real
             yield Point(level, softening, found, predicted, bench.lap(), used)
 
 
@@ -358,5 +359,7 @@ def step_against_damping(
             trial = caged(level, rings, softening, ratio)
             predicted = caged_step(trial)
             found = trial.limit(bench, predicted)
-            name = level if level == "section" else f"{level}, contacts {'real' if softening == 1 else 'ten times stiff'}"
+            name = (
+                level if level == "section" else f"{level}, contacts {'real' if softening == 1 else 'ten times stiff'}"
+            )
             yield Point(name, ratio, found, predicted, bench.lap(), trial.plan.timestep)
