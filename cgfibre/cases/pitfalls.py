@@ -125,6 +125,8 @@ def twist_torque(
     reach = float(np.max(np.abs(positions))) + 4 * D
     box = np.column_stack([np.full(3, -reach), np.full(3, reach)])
     system = replace(system, positions=positions, box=box)
+    if commands:  # what puts the rod upright
+        direction = np.round(direction)
     x, y, z = direction if axis is None else axis
     c = rod.rod_coefficients(D, f.EA, f.EI, f.GJ, f.kGA)
     stiffness = 2 * f.GJ / D if axis is None else float(2 * c.kb + c.ks * D**2 / 2)
@@ -155,7 +157,7 @@ def torsion_against_tilt(
             # such rods are refused as built: that one is built tilted and put upright afterwards
             x = 1e-6 if tilt < 1e-15 else math.sin(tilt)
             direction = sign * np.array([x, 0.0, math.sqrt(1 - x**2)])
-            upright = ["set group all x 0"] if tilt < 1e-15 else []
+            upright = ("set group all x 0",) if tilt < 1e-15 else ()
             yield Point(series, tilt, twist_torque(bench, direction, 0.1, commands=upright) / 0.1, 1.0, bench.lap())
 
 

@@ -193,7 +193,7 @@ def dragged(bench: Bench, spacing: float, friction: float) -> float:
         {
             "model.level": "chain",
             "model.spacing": f"{spacing} um",
-            "assembly.length": "70 um",
+            "assembly.length": f"{max(10, round(70 / spacing)) * spacing} um",
             "ends.tension": "0 nN",
             "contact.friction": friction,
         }
@@ -208,8 +208,8 @@ def dragged(bench: Bench, spacing: float, friction: float) -> float:
     positions[n:, 0] += spacing / 2
     positions[n:, 2] = z
     system = replace(system, positions=positions)
-    # an approach of 0.002 D, whatever the spacing; slow enough for damping to be 1 % of it
-    load, steps, settle = 3e5 * spacing / d, 60000, 10000
+    # an approach of 1.5 % of the bumps' height s^2/(8 D), slow enough for damping to be 1 % of the load
+    load, steps, settle = 3e5 * (spacing / d) ** 3, 60000, 10000
     every = steps // 400
     plan = moved(plan, 1e-9, settle + steps)
     speed = 0.5 * spacing / steps / plan.timestep
