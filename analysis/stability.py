@@ -16,8 +16,8 @@ ROOT = Path(__file__).resolve().parent.parent
 HEAD = """# Where each method fails
 
 Written by `python analysis/stability.py` from the maps of `cgfibre stability`: limits found by bisection over short
-runs of the package's own decks, beside closed forms. Points are measured, lines are predicted, crosses are what the package
-uses by default. All of carbon T700 (D = 7 um) unless said. Processor seconds of the engine: {cpu:.0f} s.
+runs of the package's own decks, beside closed forms. Points are measured, lines are predicted, crosses are what the
+package uses by default. All of carbon T700 (D = 7 um) unless said. Processor seconds of the engine: {cpu:.0f} s.
 
 | map | measured off its closed form, at worst | step used / limit measured, at worst |
 |---|---|---|
