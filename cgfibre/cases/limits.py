@@ -293,23 +293,20 @@ def caged(level: str, rings: int, softening: float, ratio: float = 1e-6, frictio
     return Trial(plan, system, commands, variables, amplitude=1e-3 * CAGED * d)
 
 
-#: kt/kn of the contacts
+#: kt/kn of the contacts; moment of inertia of a disc over m D^2
 KT = 0.8
+DISC_INERTIA = 0.125
 
 
 def caged_modes(trial: Trial) -> list[tuple[float, float, float]]:
-    """(omega^2 m/kn, c m/gamma, omega^2 of the filament itself) of the stiffest modes of an endless hexagonal packing.
+    """(omega^2 m/kn, c m/gamma, omega^2 of the filament itself) of the stiffest modes of packed chains or rods.
 
-    r = kt/kn, all contacts stick, J = I/(m D^2), the engine's tangential damping is the normal one. In the section
-    neighbours move by thirds of a turn out of step (the corner K of the Brillouin zone): 9/2 (1 + r), damping 9; the
-    same along the filaments: 9 r, 9; all spinning alike: 3 r/J, 3/J; all rocking alike about an axis across: half of
-    that. A chain's beads alternate along it as well: 16 EI/(s^3 m), 4 EA/(s m); a rod's 4 ks/m, 4 kr/m, 4 kt/I and
-    for rocking max(ks s^2, 4 kb)/I.
+    Contacts as in :func:`cgfibre.mechanics.rod.packed_time_step`; all rocking alike about an axis across has half of
+    what spinning has. A chain's beads alternate along it as well: 16 EI/(s^3 m), 4 EA/(s m); a rod's 4 ks/m, 4 kr/m,
+    4 kt/I and for rocking max(ks s^2, 4 kb)/I.
     """
     plan, f = trial.plan, trial.system.types[0]
     across, along = (4.5 * (1 + KT), 9.0), (9 * KT, 9.0)
-    if plan.level == "section":
-        return [(*across, 0.0), (3 * KT / 0.125, 3 / 0.125, 0.0)]
     s, EA = plan.spacing, f.EA / plan.axial_softening
     mass = f.mass_per_length * s
     if plan.level == "chain":
@@ -328,9 +325,10 @@ def caged_modes(trial: Trial) -> list[tuple[float, float, float]]:
 def caged_step(trial: Trial) -> float:
     """Least of the limits of the trial's stiffest modes, us: contacts, damped as they are, and filaments together."""
     c = trial.plan.contact
-    mass = float(np.max(trial.plan.beads.mass))
-    if trial.plan.level != "section":
-        mass = trial.system.types[0].mass_per_length * trial.plan.spacing
+    if trial.plan.level == "section":
+        mass = float(trial.plan.beads.mass[0])
+        return float(rod.packed_time_step(c.kn, c.gamma, mass, kt_ratio=KT, inertia=DISC_INERTIA))
+    mass = trial.system.types[0].mass_per_length * trial.plan.spacing
     return min(
         float(rod.damped_time_step(stiffness * c.kn / mass + own, damping * c.gamma / mass))
         for stiffness, damping, own in caged_modes(trial)
