@@ -360,4 +360,5 @@ def step_against_damping(
             name = (
                 level if level == "section" else f"{level}, contacts {'real' if softening == 1 else 'ten times stiff'}"
             )
-            yield Point(name, ratio, found, predicted, bench.lap(), trial.plan.timestep)
+            used = trial.plan.timestep if softening >= 1 else math.nan
+            yield Point(name, ratio, found, predicted, bench.lap(), used)
