@@ -145,6 +145,33 @@ def measure(folder: Path) -> None:
 
 
 @main.command()
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("results/stability"),
+    show_default=True,
+    help="folder of the maps",
+)
+@click.option("--map", "maps", multiple=True, metavar="NAME", help="this map alone (may be repeated)")
+@click.option("--list", "listed", is_flag=True, help="list the maps")
+@click.option("--force", is_flag=True, help="measure again what the folder holds")
+@_guarded
+def stability(out: Path, maps: tuple[str, ...], listed: bool, force: bool) -> None:
+    """Maps of where each method fails, beside closed forms; goes on where an earlier call stopped."""
+    from cgfibre import stability as module
+
+    if listed:
+        for chart in module.find_maps(maps):
+            click.echo(f"{chart.name:22s} {chart.title}")
+        return
+    from cgfibre.report import MapProgress, print_limits
+
+    with MapProgress() as progress:
+        findings = module.find_limits(out, maps, force, progress.update)
+    print_limits(findings, out)
+
+
+@main.command()
 @click.argument("name", required=False)
 @_guarded
 def scenes(name: str | None) -> None:

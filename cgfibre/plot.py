@@ -639,3 +639,70 @@ def figure_bundle_3d(system: FilamentSystem, positions: FloatArray, view: Bundle
             bar.set_label(colours.label, labelpad=7)
             bar.outline.set_visible(False)
     return fig
+
+
+# --- limits of methods -----------------------------------------------------------------------------------------------
+
+#: Okabe and Ito's colours, for curves beside each other
+COLOURS = (BLUE, VERMILION, GREEN, "#CC79A7", "#E69F00", "#56B4E9", INK, GREY)
+
+
+@dataclass(frozen=True)
+class LimitView:
+    """Title, labels of the axes and which of them are logarithmic, (x, y)."""
+
+    title: str
+    x: str
+    y: str
+    logarithmic: tuple[bool, bool] = (True, True)
+
+
+@dataclass(frozen=True)
+class LimitSeries:
+    """One curve of a map of limits, (n,) each: ``predicted`` and ``used`` may be nan."""
+
+    label: str
+    parameter: FloatArray
+    measured: FloatArray
+    predicted: FloatArray
+    used: FloatArray
+
+
+def plot_limits(ax: Axes, view: LimitView, series: Sequence[LimitSeries]) -> Axes:
+    """Measured limits as circles on the lines of their closed forms; crosses: what the package uses by default.
+
+    Series of one point each (one a material, say) are drawn without lines. On a logarithmic axis values that are not
+    above zero are left out.
+    """
+    from matplotlib.lines import Line2D
+
+    predicted = used = False
+    for k, s in enumerate(series):
+        order = np.argsort(s.parameter)
+        x, colour = s.parameter[order], COLOURS[k % len(COLOURS)]
+        marker = "o" if k < len(COLOURS) else "s"
+        if np.any(np.isfinite(s.predicted)):
+            line = "-" if len(x) > 1 else ""
+            ax.plot(x, s.predicted[order], line, marker="" if line else "_", ms=18, color=colour, lw=1.5, alpha=0.6)
+            predicted = True
+        ax.plot(x, s.measured[order], marker, color=colour, ms=6.5, mfc="white", mew=1.8, label=s.label)
+        if np.any(np.isfinite(s.used)):
+            ax.plot(x, s.used[order], "x", color=colour, ms=6, mew=1.4)
+            used = True
+    if view.logarithmic[0]:
+        ax.set_xscale("log")
+    if view.logarithmic[1]:
+        ax.set_yscale("log", nonpositive="mask")
+    ax.set_xlabel(view.x)
+    ax.set_ylabel(view.y)
+    ax.set_title(view.title, loc="left")
+    handles, labels = ax.get_legend_handles_labels()
+    for shown, handle, label in (
+        (predicted, Line2D([], [], color=GREY, lw=1.5), "closed form"),
+        (used, Line2D([], [], color=GREY, marker="x", ls="", mew=1.4), "used by default"),
+    ):
+        if shown:
+            handles.append(handle)
+            labels.append(label)
+    ax.legend(handles, labels, loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=9)
+    return ax

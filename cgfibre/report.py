@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from types import TracebackType
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from cgfibre.cases.limits import LimitMap
 from cgfibre.pictures import PICTURES
 from cgfibre.plan.model import Plan
 from cgfibre.scene import Scene
+from cgfibre.stability import CSV_NAME, Finding
 from cgfibre.workflow import RunResult
 
 
@@ -128,3 +132,48 @@ def print_result(result: RunResult) -> None:
     console.print(f"curve    {result.out / 'curve.csv'}\nresults  {result.out / 'results.h5'}", highlight=False)
     for warning in s["warnings"]:
         console.print(f"WARNING  {warning}", highlight=False)
+
+
+class MapProgress:
+    """Progress of the stability maps: which map, points so far; a context manager."""
+
+    def __init__(self) -> None:
+        self._progress = Progress(
+            TextColumn("[bold]{task.description}"),
+            BarColumn(),
+            TextColumn("map {task.completed} of {task.total}"),
+            TextColumn("{task.fields[points]}"),
+            TimeElapsedColumn(),
+            console=Console(stderr=True),
+            refresh_per_second=4,
+        )
+        self._task: TaskID | None = None
+
+    def __enter__(self) -> MapProgress:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._progress.stop()
+
+    def update(self, chart: LimitMap, number: int, of: int, points: int) -> None:
+        """Show a state; the signature of :data:`cgfibre.stability.Progress`."""
+        if self._task is None:
+            self._progress.start()
+            self._task = self._progress.add_task(chart.title, total=of, points="")
+        self._progress.update(
+            self._task, description=chart.title, completed=number, total=of, points=f"{points} points"
+        )
+
+
+def print_limits(findings: Sequence[Finding], out: Path) -> None:
+    """Every map in a line: points, how far from the closed form at worst, the step used, processor time."""
+    table = Table("map", "points", "off the closed form", "step used / limit", "CPU", title_justify="left")
+    for f in findings:
+        off = "" if f.worst != f.worst else f"{f.worst:.1%}" if f.worst < 10 else f"{f.worst:.1e} times"
+        used = "" if f.step_used != f.step_used else f"{f.step_used:.2f}"
+        table.add_row(f.map.name, str(len(f.points)), off, used, f"{f.cpu:.1f} s")
+    console = Console()
+    console.print(table)
+    console.print(f"table    {out / CSV_NAME}\npictures {out / 'stability-*.png'}", highlight=False, soft_wrap=True)

@@ -23,7 +23,7 @@ LAYERS = [
     {"engine"},
     {"review", "cases"},
     {"pictures"},
-    {"workflow"},
+    {"workflow", "stability"},
     {"doctor", "report"},
     {"cli"},
     {"__main__"},

@@ -345,6 +345,7 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
     kind = system.types[0]
     bonds, angles = system.bonds(), system.angles()
     lengths, vectors = system.bond_lengths(), system.bond_vectors()
+    _check_upright(vectors)
     strain = _strain(system, plan)
     natural = _natural_positions(system, vectors / (1 + strain)[:, None])
     positions, molecule = system.positions, system.filament_of_bead + 1
@@ -437,6 +438,18 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         "bond_masses.txt": lighter[first_row],
     }
     return Deck("in.rod", parameters, data, tables)
+
+
+def _check_upright(vectors: FloatArray) -> None:
+    """Refuse bonds exactly along +z: bpm bonds have neither torsion nor bending there (tilted by 1e-10 they have)."""
+    upright = np.hypot(vectors[:, 0], vectors[:, 1]) < 1e-12 * vectors[:, 2]
+    if np.any(upright):
+        raise InputError(
+            "model.level",
+            "rod",
+            f"no segment exactly along +z (here {int(np.sum(upright))}): the engine's rods lose their torsion there; "
+            "lay the filaments along x, number their beads downwards or tilt them by 1e-9",
+        )
 
 
 def _natural_positions(system: FilamentSystem, vectors: FloatArray) -> FloatArray:
