@@ -11,7 +11,7 @@ import numpy as np
 
 from cgfibre.build.system import FilamentSystem, FloatArray
 from cgfibre.engine.assemble import beads_under, crimp_cylinders, platen_heights
-from cgfibre.engine.collect import Extremes
+from cgfibre.engine.collect import Extremes, displacement_at
 from cgfibre.errors import InputError
 from cgfibre.measure import compaction, distribution, guards
 from cgfibre.measure.contacts import Contacts, CylinderPlaten, FlatPlaten, filament_contacts
@@ -38,6 +38,8 @@ TURN_LIMIT = 0.5
 APPROACH_LIMIT = 0.25
 #: filaments of beads at most D apart overlap by 0.29 D on their way through each other (sqrt(1/2) D between centres)
 PASSING_OVERLAP = 0.2
+#: largest difference of the platen's path from the plan's, over the whole path (blocks and windows make 1 % of it)
+MOTION_LIMIT = 0.05
 #: surfaces this far apart (over D) count as neighbours in the coordination number
 TOUCHING = 0.02
 
@@ -99,6 +101,7 @@ def review_run(
     found = list(_guards(plan, system, curve, frames, swaps=not shallow))
     if extremes is not None and len(extremes.closest):
         found += _extreme_guards(plan, system, extremes)
+    found.append(_motion_guard(plan, curve))
     start = quasi_static_from(plan, system, curve)
     ratio = None
     if start is None:
@@ -177,10 +180,30 @@ def _guards(plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames, sw
                 f"beads past the {('top', 'bottom')[side]} platen",
             )
         )
+    if plan.level != "section":
+        found.append(guards.stretch(system, frames, plan.axial_softening))
+        found.append(guards.largest_bend(system, frames))
     found.append(guards.force_balance(curve, applies=plan.beads.support == "periodic"))
     if plan.platens.top_span is not None:
         found.append(_slide_guard(plan, system, frames))
     return found
+
+
+def _motion_guard(plan: Plan, curve: Curve) -> Guard:
+    """Whether the platen went as planned: a deck run by hand with another step or speed is not what the plan judges."""
+    loading = curve.loading & (curve["step"] > 0)
+    middle = curve["step"][loading] - 0.5 * plan.sampling.sample
+    expected = displacement_at(plan, middle, plan.motion.load_steps)
+    off = np.abs(curve["displacement_um"][loading] - expected)
+    share = float(np.max(off, initial=0.0) / max(float(np.max(expected, initial=0.0)), 1e-12))
+    return Guard(
+        "motion as planned",
+        share <= MOTION_LIMIT,
+        share,
+        MOTION_LIMIT,
+        f"motion as planned: the platen's path differs from the plan's by {share:.1%}: the deck ran with another time "
+        "step, speed or number of steps than its plan; judge such runs by plans of their own",
+    )
 
 
 def _slide_guard(plan: Plan, system: FilamentSystem, frames: Frames) -> Guard:

@@ -398,6 +398,7 @@ class Model(_Table):
     spacing: AutoLength = "auto"
     accuracy: Annotated[float, Value(least=0.001, most=0.5)] = 0.05
     far_field: Literal["auto", "none", "graded", "condensed"] = "auto"
+    symmetry: Literal["auto", "none", "half"] = "auto"
     axial_softening: AutoFactor = "auto"
     torsion: Literal["none", "dihedral"] = "none"
     timestep: AutoTime = "auto"
@@ -409,7 +410,7 @@ class Model(_Table):
     @model_validator(mode="after")
     def _consistent(self) -> Model:
         section = ("depth", "spring", "torsional_spring")
-        along = ("spacing", "axial_softening", "torsion")
+        along = ("spacing", "axial_softening", "torsion", "symmetry")
         for key in along if self.level == "section" else section:
             if getattr(self, key) == type(self).model_fields[key].default:
                 continue
@@ -536,6 +537,11 @@ def _check_tension(scene: Scene) -> None:
     if scene.ends.tension > 0.05 * scene.filament.EA:
         most = units.format(float(f"{0.05 * scene.filament.EA:.3g}"), "nN")
         raise _refusal("ends.tension", scene.ends._shown("tension"), f"at most {most} a filament, a strain of 5 %")
+    softening = scene.model.axial_softening
+    if softening != "auto" and scene.ends.tension * float(softening) > 0.05 * scene.filament.EA:
+        most = f"{0.05 * scene.filament.EA / scene.ends.tension:.3g}"
+        expected = f"'auto' or at most {most}: softened filaments would stretch by more than 5 % under ends.tension"
+        raise _refusal("model.axial_softening", softening, expected)
 
 
 def _check_stop(scene: Scene) -> None:
@@ -623,8 +629,12 @@ def _check_section(scene: Scene) -> None:
         raise _refusal("platens.shape", scene.platens.shape, f"'flat': {none_along}")
     if scene.model.far_field in ("graded", "condensed"):
         raise _refusal("model.far_field", scene.model.far_field, f"'auto' or 'none': {none_along}")
-    if scene.ends.support != "simply-supported":
-        expected = "'simply-supported' with level = 'section': its springs are those of such filaments"
+    periodic = scene.ends.support == "symmetry" and scene.platens.width == "full"
+    if scene.ends.support != "simply-supported" and not periodic:
+        expected = (
+            "'simply-supported' with level = 'section' (its springs are those of such filaments), or 'symmetry' with "
+            "platens.width = 'full'"
+        )
         raise _refusal("ends.support", scene.ends.support, expected)
     if scene.contact.law == "hertz":
         expected = "'auto' or 'hooke' with level = 'section': parallel filaments touch along lines, hertz is for points"

@@ -75,7 +75,10 @@ class RunResult:
 def plan_scene(source: str | Path, overrides: Sequence[str] = ()) -> tuple[Scene, Plan]:
     """Scene and plan of a TOML file or shipped scene; InputError says what is wrong with it."""
     scene = load_scene(source, overrides)
-    return scene, make_plan(scene)
+    plan = make_plan(scene)
+    if plan.torsion == "dihedral":
+        assemble(build_system(scene, plan), plan)  # refuses them on chains that are too straight as built
+    return scene, plan
 
 
 def plan_dict(plan: Plan) -> dict[str, Any]:

@@ -75,8 +75,8 @@ def test_a_platen_bends_a_filament_as_a_tensioned_beam(tmp_path, level, tension,
     )
     assert pressed.compliance == pytest.approx(float(exact), rel=error)
     # what the platen gives the supports take, half each, but for that noise
-    assert pressed.left + pressed.right == pytest.approx(pressed.wall, rel=2e-6)
-    assert pressed.left == pytest.approx(pressed.right, rel=2e-6)
+    assert pressed.left + pressed.right == pytest.approx(pressed.wall, rel=3e-6)
+    assert pressed.left == pytest.approx(pressed.right, rel=3e-6)
 
 
 @pytest.mark.parametrize("tension", [0.0, 4e5])

@@ -328,7 +328,9 @@ def random_packing(
     oval = aspect is None
     envelope = Envelope.of(count, diameter, volume_fraction, 1.0 if aspect is None else aspect, oval)
     refusal = InputError(
-        "volume_fraction", volume_fraction, f"a fraction that {count} filaments can reach at random without overlap"
+        "assembly.fibre_volume_fraction",
+        volume_fraction,
+        f"a fraction that {count} filaments can reach at random without overlap",
     )
     d = diameter * (1.0 + 1e-9)  # a margin for rounding, so that the end state keeps D exactly
     if min(envelope.half) < 0.5 * d:

@@ -38,6 +38,10 @@ def scene(changes: Mapping[str, object]) -> Scene:
         for parent in parents:
             table = table.setdefault(parent, {})
         table[last] = value
+    model = data.setdefault("model", {})
+    if model.get("level") != "section":  # commands of experiments speak of both ends
+        model.setdefault("symmetry", "none")
+        model.setdefault("spacing", data["filament"].get("diameter", "7 um"))
     return scene_from_dict(data)
 
 
@@ -85,7 +89,8 @@ def run(
 ) -> Outcome:
     """Write the deck of the plan's level and run it; ``commands`` go before its phases, as a user may add them.
 
-    ``variables`` go to the deck as ``-var``. Raises EngineError when the engine stops.
+    ``variables`` go to the deck as ``-var``; they may be where the method fails (the deck's checks are off, unless
+    ``unsafe`` is 0). Raises EngineError when the engine stops.
     """
     deck = assemble(system, plan)
     write_deck(folder, deck.name, deck.parameters, "cgfibre experiment")
@@ -97,7 +102,8 @@ def run(
     if text.count(last) != 1:
         raise ValueError(f"{deck.name} has no line of its own for the phases")
     (folder / deck.name).write_text(text.replace(last, "\n".join([*commands, last])))
-    spent = run_deck(find_engine(), folder, deck.name, 1, {k: str(v) for k, v in variables.items()})
+    given = {"unsafe": "1"} | {k: str(v) for k, v in variables.items()}
+    spent = run_deck(find_engine(), folder, deck.name, 1, given)
     return Outcome(folder, read_record(folder), spent)
 
 

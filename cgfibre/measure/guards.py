@@ -324,6 +324,51 @@ def axis_distance(system: FilamentSystem, positions: FloatArray, limit: float = 
     return Guard(name, value > limit, value, limit, f"{name}: least {shown} of the diameter (limit {limit:.3g})")
 
 
+def stretch(system: FilamentSystem, frames: Frames, softening: float, limit: float = 0.01) -> Guard:
+    """Largest axial strain of a segment in any frame that is owed to softening: |l/l0 - 1| (1 - 1/softening).
+
+    l0 is the length as built, end load included. Softened EA lengthens the step; where the ends cannot follow
+    (clamped, periodic) or friction holds, filaments stretch and shorten ``softening`` times too much.
+    """
+    name = "stretch of softened filaments"
+    if softening <= 1.0:
+        return _not_applicable(name, limit, "filaments have their real axial stiffness")
+    bonds = system.bonds()
+    built = system.bond_lengths()
+    size = system.box[:, 1] - system.box[:, 0]
+    worst = 0.0
+    for positions in frames.positions:
+        u = positions[bonds[:, 1]] - positions[bonds[:, 0]]
+        for axis in np.flatnonzero(system.periodic):
+            u[:, axis] -= size[axis] * np.round(u[:, axis] / size[axis])
+        worst = max(worst, float(np.max(np.abs(np.linalg.norm(u, axis=1) / built - 1), initial=0.0)))
+    value = worst * (1 - 1 / softening)
+    message = f"{name}: {value:.2g} (limit {limit:.2g}), softened {softening:.4g} times; lower model.axial_softening"
+    return Guard(name, value <= limit, value, limit, message)
+
+
+def largest_bend(system: FilamentSystem, frames: Frames, limit: float = 0.5) -> Guard:
+    """Largest turn between two neighbouring segments in any frame, rad: the spacing no longer resolves the bend.
+
+    At 0.5 rad a chain's hinge, K sin(turn) for K turn, is 4 % soft; beyond pi a rod's bond pulls the wrong way.
+    """
+    name = "bend of a segment"
+    angles = system.angles()
+    if not len(angles):
+        return _not_applicable(name, limit, "there are no angles")
+    size = system.box[:, 1] - system.box[:, 0]
+    worst = 0.0
+    for positions in frames.positions:
+        u, v = (positions[angles[:, k + 1]] - positions[angles[:, k]] for k in (0, 1))
+        for axis in np.flatnonzero(system.periodic):
+            for w in (u, v):
+                w[:, axis] -= size[axis] * np.round(w[:, axis] / size[axis])
+        cross = np.linalg.norm(np.cross(u, v), axis=1)
+        worst = max(worst, float(np.max(np.arctan2(cross, np.sum(u * v, axis=1)))))
+    message = f"{name}: {worst:.2g} rad between neighbours (limit {limit:.2g} rad); press less, or lower model.spacing"
+    return Guard(name, worst <= limit, worst, limit, message)
+
+
 def quasi_static(curve: Curve, after_um: float, limit: float = 0.05) -> Guard:
     """Largest kinetic energy over the work done so far, from the first sample at a displacement of ``after_um`` on.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from cgfibre.errors import InputError
 from cgfibre.mechanics.contact import (
     LineContact,
     contact_modulus,
@@ -62,6 +63,19 @@ def line_contacts(scene: Scene) -> tuple[LineContact, LineContact]:
     return LineContact.between(r, r, f.E2, f.nu23, f.E2, f.nu23), LineContact.on_rigid_plane(r, f.E2, f.nu23)
 
 
+def _check_line_load(scene: Scene, *contacts: LineContact) -> None:
+    """Refuse a load at which a contact would be as wide as the filament (half width b above R): no line contact."""
+    load, radius = scene.contact.line_load, scene.filament.diameter / 2
+    wide = max(float(c.half_width(load)) for c in contacts)
+    if wide > radius:
+        raise InputError(
+            "contact.line_load",
+            f"{load * 1e-6:.4g} N/mm",
+            f"at most {load * 1e-6 * (radius / wide) ** 2:.3g} N/mm: a softer or thinner filament is squeezed flat, "
+            "no line contact any more",
+        )
+
+
 def plan_contact(scene: Scene, law: str, length: float, mass: float, softening: float) -> ContactPlan:
     """Constants of a bead of ``mass`` pg that stands for ``length`` um of contact line.
 
@@ -69,6 +83,7 @@ def plan_contact(scene: Scene, law: str, length: float, mass: float, softening: 
     cylinders, kn in the engine's own form; its tangent at the overlap limit bounds the time step.
     """
     between, on_platen = line_contacts(scene)
+    _check_line_load(scene, between, on_platen)
     load, zeta = scene.contact.line_load, scene.contact.damping_ratio
     line = float(between.secant_stiffness(load))
     wall = float(on_platen.secant_stiffness(load)) * length / softening
