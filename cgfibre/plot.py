@@ -685,7 +685,9 @@ def plot_limits(ax: Axes, view: LimitView, series: Sequence[LimitSeries]) -> Axe
             line = "-" if len(x) > 1 else ""
             ax.plot(x, s.predicted[order], line, marker="" if line else "_", ms=18, color=colour, lw=1.5, alpha=0.6)
             predicted = True
-        ax.plot(x, s.measured[order], marker, color=colour, ms=6.5, mfc="white", mew=1.8, label=s.label)
+        # points that coincide show as rings within rings
+        size = 6.5 if len(series) < 6 else 12.0 - 6.0 * k / len(series)
+        ax.plot(x, s.measured[order], marker, color=colour, ms=size, mfc="none", mew=1.8, label=s.label)
         if np.any(np.isfinite(s.used)):
             ax.plot(x, s.used[order], "x", color=colour, ms=6, mew=1.4)
             used = True

@@ -155,7 +155,8 @@ class MapProgress:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._progress.stop()
+        if self._task is not None:
+            self._progress.stop()
 
     def update(self, chart: LimitMap, number: int, of: int, points: int) -> None:
         """Show a state; the signature of :data:`cgfibre.stability.Progress`."""

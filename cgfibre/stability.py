@@ -308,6 +308,7 @@ MAPS: tuple[LimitMap, ...] = (
         "missed ends "
         "the run with exit code 3.",
         pitfalls.ghosts_against_spacing,
+        (False, False),
     ),
 )
 

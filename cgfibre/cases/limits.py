@@ -222,10 +222,12 @@ def step_against_spacing(bench: Bench, ratios: Sequence[float] = (0.25, 0.5, 1.0
 
 
 def step_against_softening(
-    bench: Bench, softenings: Sequence[float] = (1.0, 2.0, 4.0, 10.0, 30.0, 100.0)
+    bench: Bench,
+    softenings: Sequence[float] = (1.0, 2.0, 4.0, 10.0, 30.0, 100.0),
+    cases: Sequence[tuple[str, float]] = (("chain", 0.5), ("chain", 1.0), ("chain", 4.0), ("rod", 1.0)),
 ) -> Iterator[Point]:
-    """Time step limit against the reduction of EA at s = 0.5, 1 and (chains) 4 D."""
-    for level, ratio in (("chain", 0.5), ("chain", 1.0), ("chain", 4.0), ("rod", 1.0)):
+    """Time step limit against the reduction of EA; ``cases`` are levels with their s/D."""
+    for level, ratio in cases:
         for softening in softenings:
             trial = filament_trial(level, ratio * 7.0, {"model.axial_softening": softening})
             predicted = filament_step(trial)
