@@ -54,9 +54,7 @@ def _maybe(strategy: st.SearchStrategy[Any], often: int = 1) -> st.SearchStrateg
 def filaments(draw: st.DrawFn) -> dict[str, Any]:
     """A material of the library, changed or not, or one of odd constants."""
     if draw(st.integers(0, 2)):
-        table: dict[str, Any] = {
-            "material": draw(st.sampled_from(sorted(MATERIALS)))
-        }
+        table: dict[str, Any] = {"material": draw(st.sampled_from(sorted(MATERIALS)))}
         if draw(st.integers(0, 3)) == 0:
             table["diameter"] = f"{draw(_decades(1, 300))} um"
         if draw(st.integers(0, 5)) == 0:
@@ -108,7 +106,9 @@ def random_scenes(draw: st.DrawFn) -> dict[str, Any]:
             "period": _um(max(length, 4 * d) * draw(st.sampled_from([0.5, 2.0, 10.0]))),
             "minimum_radius": draw(st.sampled_from([0.0, 0.3, 0.9])),
         }
-    assembly["jitter"] = _um(d * draw(st.sampled_from([0.0, 1e-3, 1e-3, 9e-3, 0.05 if "pitch" not in assembly else 0.0])))
+    assembly["jitter"] = _um(
+        d * draw(st.sampled_from([0.0, 1e-3, 1e-3, 9e-3, 0.05 if "pitch" not in assembly else 0.0]))
+    )
     assembly["seed"] = draw(st.integers(0, 999))
     ends: dict[str, Any] = {}
     if along:
@@ -131,8 +131,12 @@ def random_scenes(draw: st.DrawFn) -> dict[str, Any]:
         platens["speed"] = f"{draw(st.one_of(_decades(1e-4, 300), _decades(1e-2, 1)))} m/s"
     platens["stop"] = draw(
         st.one_of(
-            st.sampled_from([0.02, 0.1, 0.3, 0.3, 0.6] + [2.0] * (count > 6)).map(lambda x: {"displacement": _um(x * d)}),
-            st.sampled_from([1.02, 1.5, 2.5, 4.0] if count > 6 else [1.01, 1.5]).map(lambda x: {"thickness": _um(x * d)}),
+            st.sampled_from([0.02, 0.1, 0.3, 0.3, 0.6] + [2.0] * (count > 6)).map(
+                lambda x: {"displacement": _um(x * d)}
+            ),
+            st.sampled_from([1.02, 1.5, 2.5, 4.0] if count > 6 else [1.01, 1.5]).map(
+                lambda x: {"thickness": _um(x * d)}
+            ),
             _decades(1e-6, 1.0).map(lambda x: {"force": f"{x} N"}),
             _decades(1e-4, 1e2).map(lambda x: {"pressure": f"{x} MPa"}),
         )
@@ -156,7 +160,9 @@ def random_scenes(draw: st.DrawFn) -> dict[str, Any]:
     model: dict[str, Any] = {"level": level, "accuracy": draw(st.sampled_from([0.05, 0.05, 0.02, 0.2]))}
     if along:
         options: Mapping[str, st.SearchStrategy[Any]] = {
-            "spacing": st.sampled_from([0.25, 0.5, 0.8, 1.0, 3.0] if count == 1 else [0.3, 0.5, 0.8, 1.0]).map(lambda x: _um(x * d)),
+            "spacing": st.sampled_from([0.25, 0.5, 0.8, 1.0, 3.0] if count == 1 else [0.3, 0.5, 0.8, 1.0]).map(
+                lambda x: _um(x * d)
+            ),
             "far_field": st.sampled_from(["none", "graded", "condensed"] if "width" in platens else ["none"]),
             "axial_softening": st.sampled_from([1.0, 3.0, 30.0, 1e3, 1e6]),
             "torsion": st.sampled_from(["dihedral"] if "twist" in assembly and level == "chain" else ["none"]),
@@ -232,7 +238,8 @@ def _kind_of(error: BaseException) -> tuple[str, str, str]:
     """(kind, message, offence) of what was raised."""
     text = f"{type(error).__name__}: {error}"
     if isinstance(error, InputError):
-        whole = error.key.split(".")[0] in TABLES and "." in error.key and bool(error.expected) and "\n" not in str(error) and "nan" not in error.expected
+        key = error.key.split(".")[0] in TABLES and "." in error.key
+        whole = key and bool(error.expected) and "\n" not in str(error) and "nan" not in error.expected
         return "refused", text, "" if whole else f"a refusal that says too little: {text}"
     if isinstance(error, EngineError):
         return "stopped", text, "" if error.reason and error.remedy else f"an engine error without a remedy: {text}"
@@ -316,6 +323,8 @@ def fate_of(data: dict[str, Any], folder: Path, check_speed: bool, cap: float = 
         fate = Fate(*_kind_of(error))
         if fate.kind == "stopped":
             fate.offence = fate.offence or _readable(folder)
+        if fate.kind == "refused" and (folder / "run").exists():
+            fate.offence = f"refused after it had begun: {fate.message}"
     fate.seconds = time.perf_counter() - start
     if fate.seconds > SLOW_RUN:
         fate.offence = fate.offence or f"took {fate.seconds:.0f} s"
