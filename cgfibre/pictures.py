@@ -63,14 +63,10 @@ def draw_all(
         before = distribution.section_at(system, frames.positions[0], x)
         reference = distribution.normalisation(before, d)
         after = distribution.section_at(system, frames.positions[peak], x)
-        made.append(
-            _save(
-                plot.figure_distribution(
-                    distribution.fit_distribution(before, reference), distribution.fit_distribution(after, reference)
-                ),
-                out / "distribution.png",
-            )
-        )
+        after = after[np.isfinite(after).all(axis=1)]  # without those that slid out
+        fits = [distribution.fit_distribution(c, reference) for c in (before, after) if len(c) >= 3]
+        if len(fits) == 2:
+            made.append(_save(plot.figure_distribution(*fits), out / "distribution.png"))
     if plan.level != "section":
         made.append(_bundle(out, scene, plan, system, frames, peak, heights))
     return made

@@ -238,13 +238,8 @@ def _kind_of(error: BaseException) -> tuple[str, str, str]:
     """(kind, message, offence) of what was raised."""
     text = f"{type(error).__name__}: {error}"
     if isinstance(error, InputError):
-        whole = (
-            error.key.split(".")[0] in TABLES
-            and "." in error.key
-            and bool(error.expected)
-            and "\n" not in str(error)
-            and "nan" not in error.expected
-        )
+        key = error.key.split(".")[0] in TABLES and "." in error.key
+        whole = key and bool(error.expected) and "\n" not in str(error) and "nan" not in error.expected
         return "refused", text, "" if whole else f"a refusal that says too little: {text}"
     if isinstance(error, EngineError):
         return "stopped", text, "" if error.reason and error.remedy else f"an engine error without a remedy: {text}"
@@ -328,6 +323,8 @@ def fate_of(data: dict[str, Any], folder: Path, check_speed: bool, cap: float = 
         fate = Fate(*_kind_of(error))
         if fate.kind == "stopped":
             fate.offence = fate.offence or _readable(folder)
+        if fate.kind == "refused" and (folder / "run").exists():
+            fate.offence = f"refused after it had begun: {fate.message}"
     fate.seconds = time.perf_counter() - start
     if fate.seconds > SLOW_RUN:
         fate.offence = fate.offence or f"took {fate.seconds:.0f} s"

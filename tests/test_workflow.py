@@ -657,7 +657,7 @@ def test_interrupting_leaves_a_resumable_folder_and_no_engine(bench):
 def test_an_unstable_run_says_why_and_what_to_do(tiny, tmp_path):
     folder = workflow.build_scene(tiny, tmp_path / "out")
     with pytest.raises(EngineError) as info:
-        run_deck(find_engine(), folder, "in.chain", variables={"timestep_us": "0.005"})
+        run_deck(find_engine(), folder, "in.chain", variables={"timestep_us": "0.005", "unsafe": "1"})
     assert info.value.exit_code == 3
     assert "time step" in info.value.remedy or "unstable" in info.value.reason, str(info.value)
 

@@ -260,7 +260,8 @@ def _diagnose(code: int, log: Path, errors: Path) -> tuple[str, str]:
         with log.open("rb") as f:
             f.seek(max(0, log.stat().st_size - 20000))
             text = f.read().decode(errors="replace") + text
-    lines = [line for line in text.splitlines() if "ERROR" in line]
+    # not the deck's own lines that would print one, which the log repeats
+    lines = [line for line in text.splitlines() if "ERROR" in line and "print" not in line]
     message = lines[-1].strip() if lines else (text.strip().splitlines() or ["no message"])[-1]
     if code in (-signal.SIGKILL, 128 + signal.SIGKILL):
         return (
@@ -269,6 +270,12 @@ def _diagnose(code: int, log: Path, errors: Path) -> tuple[str, str]:
         )
     if shutil.disk_usage(log.parent).free < FULL_DISK:  # the message itself may not have found room
         message = "No space left: " + message
+    if not lines and "MPI_Abort" in text:
+        return (
+            "another rank than the first stopped the engine, without a word in the log: most often a bond grew beyond "
+            "the ghost cutoff",
+            "halve the time step or the platen speed; --ranks 1 shows the reason",
+        )
     for pattern, reason, remedy in REMEDIES:
         if re.search(pattern, message):
             return f"{reason} (LAMMPS: {message})", remedy
