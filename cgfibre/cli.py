@@ -60,6 +60,7 @@ _set = click.option(
 @click.option("--launcher", help='how to start it, e.g. "srun" [mpiexec]')
 @click.option("--resume", is_flag=True, help="go on with a run that was stopped")
 @click.option("--force", is_flag=True, help="overwrite an earlier run in the folder")
+@click.option("--certify", is_flag=True, help="finer runs beside it: thickness +- error at fixed pressures")
 @click.option("--quiet", is_flag=True, help="print the result alone")
 @_guarded
 def run(
@@ -72,6 +73,7 @@ def run(
     launcher: str | None,
     resume: bool,
     force: bool,
+    certify: bool,
     quiet: bool,
 ) -> None:
     """Plan, build, run, measure and plot SCENE (a TOML file or the name of a shipped scene)."""
@@ -80,7 +82,7 @@ def run(
 
     if level is not None:
         overrides = (*overrides, f"model.level={level}")
-    options = workflow.RunOptions(out or workflow.default_out(scene), ranks, engine, launcher, resume, force)
+    options = workflow.RunOptions(out or workflow.default_out(scene), ranks, engine, launcher, resume, force, certify)
     if quiet:
         result = workflow.run_scene(scene, options, overrides)
     else:

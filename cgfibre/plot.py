@@ -96,7 +96,7 @@ class CurveView:
     """What :func:`plot_curve` shows: ``x`` and ``y``, the bottom platen's force, a logarithmic y, and the error band.
 
     ``speed_error`` is the relative change of the force on halving the platen speed, drawn as a band about the loading
-    branch.
+    branch; ``certified`` is the certificate's relative error of the force, drawn in its place.
     """
 
     x: Literal["displacement", "thickness"] = "displacement"
@@ -104,6 +104,7 @@ class CurveView:
     bottom: bool = True
     log: bool = False
     speed_error: float | None = None
+    certified: float | None = None
 
 
 def plot_curve(ax: Axes, curve: Curve, view: CurveView | None = None, label: str = "") -> Axes:
@@ -134,10 +135,13 @@ def plot_curve(ax: Axes, curve: Curve, view: CurveView | None = None, label: str
             ax.plot(x[going], y[going], color=colour, label=f"{label}: {name}" if label else name)
             if back.any():
                 ax.plot(x[back], y[back], color=colour, lw=1.5, ls=(0, (4, 1.6)), alpha=0.8)
-        if view.speed_error is not None:
+        error, source = view.speed_error, "halving the platen speed"
+        if view.certified is not None:
+            error, source = view.certified, "certificate"
+        if error is not None:
             y = np.where(top > 0, top, np.nan if view.log else 0.0)[going] * factor
-            band = (y * (1 - view.speed_error), y * (1 + view.speed_error))
-            text = f"±{100 * view.speed_error:.2g} % (halving the platen speed)"
+            band = (y * (1 - error), y * (1 + error))
+            text = f"±{100 * error:.2g} % ({source})"
             ax.fill_between(x[going], *band, color=BLUE, alpha=0.16, lw=0, label=text)
         if back.any():
             ax.plot([], [], color=GREY, lw=1.5, ls=(0, (4, 1.6)), label="unloading")
@@ -150,6 +154,30 @@ def plot_curve(ax: Axes, curve: Curve, view: CurveView | None = None, label: str
         if view.x == "thickness" and not ax.xaxis_inverted():
             ax.invert_xaxis()
         ax.margins(x=0.01)
+        ax.legend(loc="best")
+    return ax
+
+
+def plot_thickness_errors(ax: Axes, thickness: FloatArray, pressure: FloatArray, error: FloatArray) -> Axes:
+    """Thickness with its error bars (um) at pressures (MPa) on an axes that :func:`plot_curve` drew.
+
+    The axes shows pressure against thickness; its unit is read off its label.
+    """
+    unit = ax.get_ylabel().rpartition("(")[2].rstrip(")")
+    factor = {p + "Pa": 10.0**-power for power, p in _PREFIXES.items()}[unit] * 1e6
+    with style():
+        ax.errorbar(
+            thickness,
+            pressure * factor,
+            xerr=error,
+            fmt="o",
+            ms=5,
+            color=INK,
+            capsize=3.5,
+            lw=1.4,
+            zorder=4,
+            label="thickness ± error (certificate)",
+        )
         ax.legend(loc="best")
     return ax
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from types import TracebackType
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -84,6 +87,33 @@ class RunProgress:
         self._progress.console.print(text, highlight=False)
 
 
+def certificate_lines(found: Mapping[str, Any] | None) -> list[str]:
+    """ "thickness at 0.1 MPa: 47.3 +- 0.4 um (speed 0.2, spacing 0.2)", one line a pressure; the force's error last."""
+    if not found:
+        return []
+    lines = []
+    for k, (p, t, error) in enumerate(
+        zip(found["pressure_MPa"], found["thickness_um"], found["error_um"], strict=True)
+    ):
+        digits = _decimals(error)
+        parts = ", ".join(f"{name} {part['error_um'][k]:.{digits}f}" for name, part in found["parts"].items())
+        lines.append(
+            f"thickness at {p:.3g} MPa: {t:.{digits}f} +- {error:.{digits}f} um ({parts})"
+            + ("" if found["quasi_static"][k] else ", before the run is quasi-static")
+        )
+    mean, worst = found["force_error_mean"], found["force_error_worst"]
+    if mean is not None:
+        lines.append(
+            f"force at a displacement: +- {mean:.1%} on average from {found['from_um']:.2g} um on, {worst:.0%} at worst"
+        )
+    return lines
+
+
+def _decimals(error: float) -> int:
+    """Decimals that show two figures of an error, from none to four."""
+    return min(4, max(0, 1 - math.floor(math.log10(error)))) if error > 0 else 4
+
+
 def print_result(result: RunResult) -> None:
     """Where the files lie, the main numbers, and what not to trust."""
     console = Console(soft_wrap=True)
@@ -101,6 +131,8 @@ def print_result(result: RunResult) -> None:
             f"{s['speed_error_worst']:.0%} at worst",
             highlight=False,
         )
+    for line in certificate_lines(s.get("certificate")):
+        console.print(line, highlight=False)
     fit = s["fits"].get("power_law")
     if fit:
         console.print(

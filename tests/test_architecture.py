@@ -22,7 +22,7 @@ LAYERS = [
     {"plan", "measure", "plot", "store"},
     {"engine"},
     {"review", "cases"},
-    {"pictures"},
+    {"pictures", "certify"},
     {"workflow"},
     {"doctor", "report"},
     {"cli"},
