@@ -170,7 +170,7 @@ def test_the_end_load_is_in_equilibrium_as_built_and_stretches_by_EA(tmp_path, m
         out = run(
             tmp_path / name,
             system,
-            moved(plan, 1e-3, 8000, sample=500),
+            moved(plan, 1e-3, 12000, sample=500),
             drag=critical_drag(plan, frequency),
             end_load_nN=load / held,
             **AWAY,
@@ -465,7 +465,7 @@ def test_a_far_field_carries_345_mm_on_a_millimetre_of_beads(tmp_path, measured,
     f = system.types[0]
     edges = [int(np.argmin(np.abs(plan.beads.stations - x))) + 1 for x in ((length - width) / 2, (length + width) / 2)]
     frequency = float(rod.bending_frequency(width, f.EI, f.mass_per_length, tension=4e5))
-    plan = moved(plan, 1e-9, 64000, sample=2000)
+    plan = moved(plan, 1e-9, 80000, sample=2000)
     out = run(
         tmp_path,
         system,

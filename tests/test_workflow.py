@@ -510,10 +510,14 @@ def rows_written(out):
 @pytest.mark.parametrize("level", ["chain", "rod", "section"])
 def test_a_killed_run_goes_on_to_the_same_curve(bench, level):
     """SIGKILL of the process group at several moments, with --resume in between: the same bytes on one rank."""
-    unbroken = bench.run("unbroken", f"model.level={level}")
+    overrides = [f"model.level={level}"]
+    if level == "section":  # long enough for several checkpoints
+        overrides.append("platens.speed=0.2 m/s")
+    unbroken = bench.run("unbroken", *overrides)
     rng = np.random.default_rng({"chain": 1, "rod": 2, "section": 3}[level])
     out = bench.folder / "killed"
-    arguments = ["--level", level]
+    asked = [word for override in overrides for word in ("--set", override)]
+    arguments = asked
     for share in np.sort(rng.uniform(0.1, 0.8, 2 if level == "chain" else 1)):
         process = start(bench.scene, out, *arguments)
         wanted = 2 + int(share * (len(unbroken.curve) - 4))
@@ -523,9 +527,9 @@ def test_a_killed_run_goes_on_to_the_same_curve(bench, level):
         time.sleep(0.05)
         assert engines_of(out) == []
         assert not (out / "results.h5").exists()
-        arguments = ["--level", level, "--resume"]
+        arguments = [*asked, "--resume"]
     assert read_states(out / "deck"), "killed before the first checkpoint: not what this test is about"
-    resumed = workflow.run_scene(bench.scene, workflow.RunOptions(out, resume=True), [f"model.level={level}"])
+    resumed = workflow.run_scene(bench.scene, workflow.RunOptions(out, resume=True), overrides)
     same_curve(resumed.curve, unbroken.curve)
     assert (out / "curve.csv").read_bytes() == (bench.folder / "unbroken" / "curve.csv").read_bytes()
     a, b = (store.read_results(bench.folder / name / "results.h5").frames for name in ("unbroken", "killed"))

@@ -22,6 +22,8 @@ from cgfibre.scene import Scene
 
 #: part of the limiting time step that is used: the limit is a bound already, this is room for large rotation
 SAFETY = 0.9
+#: the same for beads whose mass is chosen for the step: more room costs nothing there, and their bonds are damped too
+FREE_SAFETY = 0.65
 #: a far field is worth treating apart when the filament is this many times longer than the zone that needs fine beads
 FAR_FIELD_RATIO = 3.0
 COARSE = 0.05  # of the length: spacing of graded far-field beads
@@ -122,7 +124,7 @@ def lay_beads(
     gaps = np.diff(stations)
     widest = np.maximum(np.append(gaps, gaps[-1]), np.insert(gaps, 0, gaps[0]))
     # one filament alone has no neighbours for its beads to miss
-    reach = filament.diameter if scene.assembly.count > 1 else np.inf
+    reach = filament.diameter if scene.assembly.count > 1 else max(filament.diameter, spacing)
     role = np.where(widest <= reach * (1 + 1e-9), CONTACT, FREE)
     if support != "symmetry":
         held = 2 if support == "clamped" else 1
@@ -169,14 +171,15 @@ def finish_beads(
             gripped = (2 + GRIP_STIFFENING) * every.kt[[0, -1]] / (rod.SPHERE_INERTIA * filament.diameter**2)
             bound[[0, -1]] = np.maximum(bound[[0, -1]], gripped)
     else:
-        bound = rod.chain_stiffness_bound(gaps, chain, tension, closed=closed)
+        actual = rod.ChainCoefficients(chain.bond, hinge if closed else hinge[1:-1])
+        bound = rod.chain_stiffness_bound(gaps, actual, tension, closed=closed)
         if extras:
-            bound[[0, -1]] += extras["transverse"]
+            bound[[0, -1]] += max(extras["transverse"], extras["axial"])
     real = role == CONTACT
     touching, damping = contact.bounds(rod.SPHERE_INERTIA if level == "rod" else math.inf)
     bonds = 2 * ROD_DAMPING * np.sqrt(bound[real] * mass[real]) if level == "rod" else 0.0
     limit = float(rod.limiting_time_step(bound[real] + touching, mass[real], damping + bonds))
-    mass[~real] = rod.mass_for_time_step(bound[~real], limit)
+    mass[~real] = rod.mass_for_time_step(bound[~real], SAFETY * limit, fraction=FREE_SAFETY)
     held = int(np.sum(role == RIGHT))
     beads = Beads(
         stations=stations,
