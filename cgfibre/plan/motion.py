@@ -141,7 +141,8 @@ def plan_motion(
     first, last, growth = choose_speed(bodies, d, eps, displacement)
     fastest = last
     if asked == "auto":
-        budget = min(max(BUDGET / bodies.n_beads, LEAST_STEPS), MOST_STEPS)
+        most = scene.model.most_steps
+        budget = min(max(BUDGET / bodies.n_beads, LEAST_STEPS), MOST_STEPS) if most == "auto" else most
         faster = film_time(first, last, growth, displacement) / timestep / budget
         reason = (
             f"accuracy {eps:g}: v <= eps F/sqrt(kn m) for beads and eps F omega/(k n) for filaments, from "
