@@ -141,6 +141,53 @@ def measure(folder: Path) -> None:
 
 
 @main.command()
+@_scene
+@click.option("--out", type=click.Path(path_type=Path), help="folder of the chart [results/chart-NAME]")
+@_set
+@click.option("--seeds", type=int, default=3, show_default=True, help="jittered starts a variant")
+@click.option("--reference-seeds", type=int, default=1, show_default=True, help="and of the reference, the costliest")
+@click.option("--reference-accuracy", type=float, default=0.0125, show_default=True, help="sets its platen speed")
+@click.option("--only", metavar="NAME,...", help="these variants alone, beside the planner's choice and the reference")
+@click.option("--compare", multiple=True, type=click.Path(path_type=Path), metavar="PATH",
+              help="draw a run made elsewhere (its folder), or points of a CSV with label,cpu_s,error")  # fmt: skip
+@click.option("--goal", type=float, default=0.05, show_default=True, help="error aimed at")
+@click.option("--jobs", type=int, default=1, show_default=True, help="runs at a time, at most the cores")
+@click.option("--force", is_flag=True, help="begin anew; else a chart that was stopped goes on")
+@_guarded
+def chart(
+    scene: str,
+    out: Path | None,
+    overrides: tuple[str, ...],
+    seeds: int,
+    reference_seeds: int,
+    reference_accuracy: float,
+    only: str | None,
+    compare: tuple[Path, ...],
+    goal: float,
+    jobs: int,
+    force: bool,
+) -> None:
+    """Chart accuracy against speed: SCENE at every level and spacing it allows, against the finest of them."""
+    from cgfibre import chart as charts
+    from cgfibre.report import ChartProgress, print_chart
+
+    options = charts.ChartOptions(
+        out or charts.default_out(scene),
+        seeds,
+        reference_seeds,
+        reference_accuracy,
+        jobs,
+        force,
+        tuple(only.split(",")) if only else (),
+        compare,
+        goal,
+    )
+    with ChartProgress() as progress:
+        found = charts.chart_scene(scene, options, overrides, progress.update)
+    print_chart(found)
+
+
+@main.command()
 @click.argument("name", required=False)
 @_guarded
 def scenes(name: str | None) -> None:

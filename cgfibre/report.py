@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from cgfibre.chart import Chart, Row
 from cgfibre.pictures import PICTURES
 from cgfibre.plan.model import Plan
 from cgfibre.scene import Scene
@@ -146,3 +147,70 @@ def print_result(result: RunResult) -> None:
     console.print(f"curve    {result.out / 'curve.csv'}\nresults  {result.out / 'results.h5'}", highlight=False)
     for warning in s["warnings"]:
         console.print(f"WARNING  {warning}", highlight=False)
+
+
+class ChartProgress:
+    """Progress of a chart by predicted seconds of its runs; a context manager."""
+
+    def __init__(self) -> None:
+        self._progress = Progress(
+            TextColumn("[bold]charting"),
+            BarColumn(),
+            TextColumn("{task.percentage:3.0f} %"),
+            TextColumn("{task.fields[state]}"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=Console(stderr=True),
+            refresh_per_second=4,
+        )
+        self._task: TaskID | None = None
+
+    def __enter__(self) -> ChartProgress:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._progress.stop()
+
+    def update(self, done: float, total: float, last: str) -> None:
+        """Show a state; the signature of :data:`cgfibre.chart.Progress`."""
+        if self._task is None:  # at the first sign of a run: wrong input is answered by its one line alone
+            self._progress.start()
+            self._task = self._progress.add_task("", total=total, state=last)
+        self._progress.update(self._task, completed=done, total=total, state=last)
+
+
+def print_chart(chart: Chart) -> None:
+    """The table of a chart, what was left out, and the cheapest variant within the error aimed at."""
+    console = Console(soft_wrap=True, width=max(Console().width, 110))
+    table = Table(title_justify="left")
+    table.title = f"{chart.scene}: error of the force against the reference, mean from {chart.start:.2g} um on"
+    for name in ("variant", "CPU s", "mean", *(f"{d:.3g} um" for d in chart.displacements), ""):
+        table.add_column(name, no_wrap=True, justify="left" if name in ("variant", "") else "right")
+    for r in sorted(chart.rows, key=lambda r: r.cpu):
+        spread = f" ± {50 * (r.error_range[1] - r.error_range[0]):.1f}" if r.starts > 1 else ""
+        errors = [f"{100 * r.error:.1f}{spread} %", *("" if math.isnan(e) else f"{e:+.1%}" for e in r.force_errors)]
+        if r.reference:
+            errors = ["reference"]
+        table.add_row(
+            r.name, f"{r.cpu:.3g}", *errors, *("" for _ in chart.displacements[len(errors) - 1 :]), _remarks(r)
+        )
+    console.print(table)
+    for name, reason in chart.left_out:
+        console.print(f"left out {name}: {reason}", highlight=False)
+    best = chart.cheapest
+    if best is None:
+        console.print(f"no variant errs by {chart.goal:.0%} or less", highlight=False)
+    else:
+        console.print(f"cheapest within {chart.goal:.0%}: {best.name}, {best.cpu:.3g} s", highlight=False)
+        for r in chart.rows:
+            if r.level == "compared":
+                console.print(f"  {r.name} took {r.cpu:.3g} s, {r.cpu / best.cpu:.2g} times as long", highlight=False)
+    console.print(f"picture  {chart.out / 'chart.png'}\ntable    {chart.out / 'chart.csv'}", highlight=False)
+
+
+def _remarks(row: Row) -> str:
+    words = (("planner", row.planner), ("front", row.front), ("distrusted", not row.trusted))
+    return ", ".join(word for word, true in words if true)

@@ -6,7 +6,7 @@ import json
 import math
 import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -127,8 +127,9 @@ def run_scene(
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
     note: Note | None = None,
+    cancelled: Callable[[], bool] | None = None,
 ) -> RunResult:
-    """Plan, build, run, measure and plot a scene.
+    """Plan, build, run, measure and plot a scene; ``cancelled`` is asked now and then whether to give up.
 
     Raises InputError before anything is written, EngineError when the engine stopped (what it computed is measured
     and kept). A result that a guard distrusts is returned all the same: see ``RunResult.trusted``.
@@ -153,7 +154,7 @@ def run_scene(
         write_job(folder, system, plan, about)
     with certify.FinerRuns(finer, engine, out, options.ranks, options.resume, about) as beside:
         try:
-            spent = run_job(engine, folder, plan, options.ranks, options.resume, Watch(progress, note))
+            spent = run_job(engine, folder, plan, options.ranks, options.resume, Watch(progress, note, cancelled))
             before = time.perf_counter()
             beside.wait(note)
         except EngineError as error:

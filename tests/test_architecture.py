@@ -24,6 +24,7 @@ LAYERS = [
     {"review", "cases"},
     {"pictures", "certify"},
     {"workflow"},
+    {"chart"},
     {"doctor", "report"},
     {"cli"},
     {"__main__"},
