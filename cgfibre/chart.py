@@ -46,6 +46,7 @@ REFERENCE_ACCURACY = 0.0125  # finer than the ladder: at the same speed its erro
 JITTER = 1 / 700
 UNBOUNDED = 10**9
 PLANNER = "planner"
+COMPARED = "compared"  # in place of the level of what was made elsewhere
 #: keys of the other level that a variant sets back to their defaults
 _ALONG = ("model.spacing=auto", "model.axial_softening=auto", "model.torsion=none")
 _ACROSS = ("model.depth=auto", "model.spring=exact", "model.torsional_spring=exact")
@@ -76,7 +77,7 @@ class ChartOptions:
     jobs: int = 1
     force: bool = False
     only: tuple[str, ...] = ()
-    compare: tuple[Path, ...] = ()
+    compare: tuple[str, ...] = ()
     goal: float = 0.05
 
 
@@ -122,14 +123,15 @@ class Chart:
     goal: float
 
     @property
-    def planner(self) -> Row:
-        """The scene as it stands."""
-        return next(r for r in self.rows if r.planner)
+    def planner(self) -> Row | None:
+        """The scene as it stands; None where its run failed."""
+        return next((r for r in self.rows if r.planner), None)
 
     @property
     def cheapest(self) -> Row | None:
-        """The cheapest variant within the error aimed at."""
-        within = [r for r in self.rows if r.error <= self.goal and r.level != "compared" and not r.reference]
+        """The cheapest trusted variant within the error aimed at."""
+        ours = [r for r in self.rows if r.level != COMPARED and not r.reference and r.trusted]
+        within = [r for r in ours if r.error <= self.goal]
         return min(within, key=lambda r: r.cpu, default=None)
 
 
@@ -425,32 +427,41 @@ def _yardsticks(work: _Work, curves: Callable[[_Run], Curve]) -> dict[int, Yards
     return own
 
 
-def compared_row(path: Path, yardstick: Yardstick) -> list[Row]:
-    """Points made elsewhere: a run's folder (curve.csv, summary.json), or a CSV with label,cpu_s,error.
+@dataclass(frozen=True)
+class Elsewhere:
+    """What was made elsewhere: a run's ``curve`` with the seconds that all of it took, or points (label, s, error)."""
 
-    Of a run that went on (further, or back) the time counts to the reference's end alone, by its steps.
-    Raises InputError for anything else.
-    """
-    if path.is_dir():
+    label: str
+    curve: Curve | None = None
+    seconds: float = 0.0
+    beads: int = 0
+    points: tuple[tuple[str, float, float], ...] = ()
+
+    @classmethod
+    def read(cls, text: str) -> Elsewhere:
+        """``[LABEL=]PATH``: a run's folder (curve.csv, summary.json) or a CSV with label,cpu_s,error; InputError."""
+        label, _, where = ("", "", text) if Path(text).exists() else text.rpartition("=")
+        path = Path(where)
         try:
-            curve = store.read_curve(path / "curve.csv")
+            if not path.is_dir():
+                return cls(label or path.stem, points=tuple(store.read_points(path)))
             summary = json.loads((path / "summary.json").read_text())
             spent = float(summary.get("engine_cpu_s") or summary["engine_s"])
+            return cls(label or path.name, store.read_curve(path / "curve.csv"), spent, int(summary["n_beads"]))
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(
-                "--compare", str(path), f"a run's folder with curve.csv and summary.json ({error})"
-            ) from None
-        end = min(float(loading_of(yardstick.curve)[0][-1]), float(loading_of(curve)[0][-1]))
-        steps = float(np.interp(end, loading_of(curve)[0], curve["step"][curve.loading]))
-        mean, forces, thickness = yardstick.errors(curve)
-        cpu = spent * steps / float(curve["step"][-1])
-        return [_compared(path.name, cpu, mean, forces, thickness, int(summary["n_beads"]), int(steps))]
-    try:
-        points = store.read_points(path)
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError("--compare", str(path), f"a run's folder or a CSV with label,cpu_s,error ({error})") from None
-    nothing = (math.nan,) * len(FORCE_SHARES)
-    return [_compared(label, cpu, error, nothing, nothing, 0, 0) for label, cpu, error in points]
+            expected = f"[LABEL=]PATH of a run's folder or of a CSV with label,cpu_s,error ({error})"
+            raise InputError("--compare", text, expected) from None
+
+    def rows(self, yardstick: Yardstick) -> list[Row]:
+        """Its points. Of a run that went on, further or back, the time counts to the reference's end, by its steps."""
+        nothing = (math.nan,) * len(FORCE_SHARES)
+        if self.curve is None:
+            return [_compared(label, cpu, error, nothing, nothing, 0, 0) for label, cpu, error in self.points]
+        d = loading_of(self.curve)[0]
+        end = min(float(loading_of(yardstick.curve)[0][-1]), float(d[-1]))
+        steps = float(np.interp(end, d, self.curve["step"][self.curve.loading]))
+        cpu = self.seconds * steps / float(self.curve["step"][-1])
+        return [_compared(self.label, cpu, *yardstick.errors(self.curve), self.beads, int(steps))]
 
 
 def _compared(
@@ -458,7 +469,7 @@ def _compared(
 ) -> Row:
     return Row(
         name,
-        "compared",
+        COMPARED,
         math.nan,
         math.nan,
         1,
@@ -495,6 +506,7 @@ def chart_scene(
         if not 1 <= value <= 100:
             raise InputError(key, value, "1 to 100")
     scene, _ = plan_scene(source, overrides)
+    elsewhere = [Elsewhere.read(text) for text in options.compare]
     work = _lay_out(source, overrides, options)
     _claim(options, scene)
     failed = _run_all(source, work, options, progress)
@@ -509,18 +521,18 @@ def chart_scene(
         for name, runs in work.runs.items()
         if runs[0].name not in failed
     }
-    found = measured_chart(replace(work, runs=ended, left_out=tuple(left_out)), scene, options)
+    found = _measured(replace(work, runs=ended, left_out=tuple(left_out)), scene, options, elsewhere)
     write_chart(found)
     return found
 
 
-def measured_chart(work: _Work, scene: Scene, options: ChartOptions) -> Chart:
+def _measured(work: _Work, scene: Scene, options: ChartOptions, elsewhere: Sequence[Elsewhere]) -> Chart:
     """The chart of runs that ended."""
     yardsticks = _yardsticks(work, lambda run: store.read_results(run.folder / "results.h5").curve)
     rows = [_row(runs, yardsticks, name == work.reference) for name, runs in work.runs.items()]
-    for path in options.compare:
-        rows += compared_row(path, yardsticks[0])
-    ours = np.array([not r.reference and r.level != "compared" for r in rows])
+    for other in elsewhere:
+        rows += other.rows(yardsticks[0])
+    ours = np.array([not r.reference and r.level != COMPARED for r in rows])
     front = pareto_front(np.array([r.cpu for r in rows]), np.where(ours, [r.error for r in rows], np.nan))
     rows = [replace(r, front=bool(f), planner=r.name == work.planner) for r, f in zip(rows, front, strict=True)]
     first = yardsticks[0]

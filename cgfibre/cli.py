@@ -148,7 +148,7 @@ def measure(folder: Path) -> None:
 @click.option("--reference-seeds", type=int, default=1, show_default=True, help="and of the reference, the costliest")
 @click.option("--reference-accuracy", type=float, default=0.0125, show_default=True, help="sets its platen speed")
 @click.option("--only", metavar="NAME,...", help="these variants alone, beside the planner's choice and the reference")
-@click.option("--compare", multiple=True, type=click.Path(path_type=Path), metavar="PATH",
+@click.option("--compare", multiple=True, metavar="[LABEL=]PATH",
               help="draw a run made elsewhere (its folder), or points of a CSV with label,cpu_s,error")  # fmt: skip
 @click.option("--goal", type=float, default=0.05, show_default=True, help="error aimed at")
 @click.option("--jobs", type=int, default=1, show_default=True, help="runs at a time, at most the cores")
@@ -162,7 +162,7 @@ def chart(
     reference_seeds: int,
     reference_accuracy: float,
     only: str | None,
-    compare: tuple[Path, ...],
+    compare: tuple[str, ...],
     goal: float,
     jobs: int,
     force: bool,

@@ -427,7 +427,7 @@ def plot_chart(ax: Axes, points: Sequence[ChartPoint], goal: float | None = None
                 label="planner's choice" if k == 0 else None,
             )  # fmt: skip
         if goal is not None:
-            ax.axhline(100 * goal, color=INK, lw=0.9, ls=":", zorder=0)
+            ax.axhline(100 * goal, color=INK, lw=1.3, ls=":", zorder=1.5, label=f"{100 * goal:g} %")
         if any(not p.trusted for p in drawn):
             ax.plot([], [], "o", ms=7, mfc="white", mec=GREY, label="distrusted by a guard")
         _name_points(ax, drawn)
@@ -499,8 +499,9 @@ class Trial(Protocol):
 def plot_trials(ax: Axes, trials: Sequence[Trial], names: Sequence[str] = ()) -> Axes:
     """Error (%) of experiments against their closed forms over processor seconds, logarithmic, one line a level.
 
-    ``names`` stand beside the points, in the order of ``trials``; else their spacing s/D (nothing for a section).
-    Trials without time are left out; errors below 1e-6 are drawn there. Raises InputError without one to draw.
+    A level tried several times at one spacing has a line a spacing. ``names`` stand beside the points, in the order of
+    ``trials``; else their spacing s/D (nothing for a section). Trials without time are left out; errors below 1e-6 are
+    drawn there. Raises InputError without one to draw.
     """
     texts = list(names) or [f"{t.spacing:g}" if t.spacing else "" for t in trials]
     drawn = [(t, name) for t, name in zip(trials, texts, strict=True) if t.cpu > 0 and np.isfinite(t.error)]
@@ -511,16 +512,35 @@ def plot_trials(ax: Axes, trials: Sequence[Trial], names: Sequence[str] = ()) ->
         ax.set_yscale("log")
         for level in dict.fromkeys(t.level for t, _ in drawn):
             colour, marker = LEVELS.get(level, (GREY, "o"))
-            line = sorted((t.cpu, 100 * max(abs(t.error), 1e-6), name) for t, name in drawn if t.level == level)
-            ax.plot([c for c, _, _ in line], [e for _, e, _ in line], marker + "-", color=colour, lw=1.4, label=level)
-            for c, e, name in line:
-                ax.annotate(name, (c, e), xytext=(6, 5), textcoords="offset points", fontsize=9, color=INK)
+            of_level = [(t, name) for t, name in drawn if t.level == level]
+            spacings = list(dict.fromkeys(t.spacing for t, _ in of_level))
+            apart = 1 < len(spacings) < len(of_level)
+            for k, spacing in enumerate(spacings if apart else [None]):
+                line = sorted(
+                    (t.cpu, 100 * max(abs(t.error), 1e-6), name)
+                    for t, name in of_level
+                    if spacing is None or t.spacing == spacing
+                )
+                label = level if spacing is None else f"{level}, s = {spacing:g} D"
+                x, y = [c for c, _, _ in line], [e for _, e, _ in line]
+                face = colour if k % 2 == 0 else "white"
+                ax.plot(x, y, marker, ls=("-", "--", ":")[k % 3], color=colour, mfc=face, lw=1.4, label=label)
+                for c, e, name in line:
+                    ax.annotate(name, (c, e), xytext=(6, 5), textcoords="offset points", fontsize=9, color=INK)
         ax.set_xlabel("Processor time of the engine (s)")
         ax.set_ylabel("Error against the closed form (%)")
         _decade_ticks(ax)
         ax.margins(x=0.12, y=0.12)
         ax.legend(loc="best")
     return ax
+
+
+def figure_trials(trials: Sequence[Trial], names: Sequence[str] = (), title: str = "") -> Figure:
+    """:func:`plot_trials` on a figure of its own."""
+    fig = new_figure(8.4, 5.2)
+    with style():
+        plot_trials(fig.add_subplot(), trials, names).set_title(title)
+    return fig
 
 
 class GaussianCoordinates(Protocol):

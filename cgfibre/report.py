@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from cgfibre.chart import Chart, Row
+from cgfibre.chart import COMPARED, Chart, Row
 from cgfibre.pictures import PICTURES
 from cgfibre.plan.model import Plan
 from cgfibre.scene import Scene
@@ -206,7 +206,7 @@ def print_chart(chart: Chart) -> None:
     else:
         console.print(f"cheapest within {chart.goal:.0%}: {best.name}, {best.cpu:.3g} s", highlight=False)
         for r in chart.rows:
-            if r.level == "compared":
+            if r.level == COMPARED:
                 console.print(f"  {r.name} took {r.cpu:.3g} s, {r.cpu / best.cpu:.2g} times as long", highlight=False)
     console.print(f"picture  {chart.out / 'chart.png'}\ntable    {chart.out / 'chart.csv'}", highlight=False)
 
