@@ -17,6 +17,9 @@ EXIT_DISTRUSTED = 4
 F = TypeVar("F", bound=Callable[..., Any])
 
 
+FREE_SPACE = "free space, then go on with cgfibre run --resume or cgfibre measure"
+
+
 def _guarded(function: F) -> F:
     """Errors on purpose become one line and their exit code; a full disk becomes exit 3."""
 
@@ -28,6 +31,9 @@ def _guarded(function: F) -> F:
             click.echo(f"cgfibre: {error}", err=True)
             sys.exit(error.exit_code)
         except OSError as error:
+            if "No space left" in str(error):  # an HDF5 file's error is a page of text
+                click.echo(f"cgfibre: {EngineError('the disk is full', FREE_SPACE)}", err=True)
+                sys.exit(EngineError.exit_code)
             click.echo(f"cgfibre: {error.strerror or error}: {error.filename or ''}".rstrip(": "), err=True)
             sys.exit(EngineError.exit_code)
 

@@ -402,6 +402,7 @@ class Model(_Table):
     spacing: AutoLength = "auto"
     accuracy: Annotated[float, Value(least=0.001, most=0.5)] = 0.05
     far_field: Literal["auto", "none", "graded", "condensed"] = "auto"
+    symmetry: Literal["auto", "none", "half"] = "auto"
     axial_softening: AutoFactor = "auto"
     torsion: Literal["none", "dihedral"] = "none"
     timestep: AutoTime = "auto"
@@ -414,7 +415,7 @@ class Model(_Table):
     @model_validator(mode="after")
     def _consistent(self) -> Model:
         section = ("depth", "spring", "torsional_spring")
-        along = ("spacing", "axial_softening", "torsion")
+        along = ("spacing", "axial_softening", "torsion", "symmetry")
         for key in along if self.level == "section" else section:
             if getattr(self, key) == type(self).model_fields[key].default:
                 continue

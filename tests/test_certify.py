@@ -127,7 +127,8 @@ def test_a_finer_run_halves_one_thing_and_keeps_the_film_of_the_platen(tiny, ove
     assert part in certify.parts_of(plan)
     system = workflow.build_system(scene, plan)
     run = certify.finer_run(part, scene, plan, system)
-    assert run.factor == pytest.approx(factor, rel=1e-9)
+    # stations are laid between the platen's edges: a spacing is only about half
+    assert run.factor == pytest.approx(factor, rel=0.05 if part == "spacing" else 1e-9)
     assert run.plan.level == plan.level and not run.plan.motion.unload
     share = 0.5 if part == "speed" else 1.0
     loading = plan.motion.load_steps * plan.timestep
@@ -137,7 +138,9 @@ def test_a_finer_run_halves_one_thing_and_keeps_the_film_of_the_platen(tiny, ove
     )
     assert run.plan.motion.load_steps % run.plan.sampling.sample == 0
     if part == "spacing":
-        assert run.plan.spacing == pytest.approx(plan.spacing / 2) and run.system.n_beads > 1.8 * system.n_beads
+        assert run.plan.spacing == pytest.approx(plan.spacing / 2, rel=0.1)
+        assert run.factor == pytest.approx(1 / (1 - (run.plan.spacing / plan.spacing) ** 2))
+        assert run.system.n_beads > 1.8 * system.n_beads
     if part == "contact":
         assert run.plan.contact.softening == max(1.0, plan.contact.softening / 2)
     # the same specimen

@@ -127,8 +127,8 @@ def test_a_platen_bends_a_filament_as_a_tensioned_beam(tmp_path, measured, level
     )
     # what the platen gives the supports take, half each, but for that noise
     left, right, wall = out.rows("supports.txt")[-1, 1:]
-    assert left + right == pytest.approx(wall, rel=2e-6)
-    assert left == pytest.approx(right, rel=2e-6)
+    assert left + right == pytest.approx(wall, rel=3e-6)
+    assert left == pytest.approx(right, rel=3e-6)
 
 
 @pytest.mark.parametrize("tension", [0.0, 4e5])

@@ -95,7 +95,7 @@ def test_equal_rows_share_a_type_and_round_off_makes_no_new_one():
 def test_mdanalysis_reads_the_data_file_of_a_scene(tiny, tmp_path):
     import MDAnalysis as mda
 
-    scene, plan = workflow.plan_scene(tiny)
+    scene, plan = workflow.plan_scene(tiny, ["model.symmetry=none"])
     system = build_system(scene, plan)
     write_data(tmp_path / "system.data", assemble(system, plan).data)
     u = mda.Universe(
@@ -317,11 +317,11 @@ variable unload_force_at index 0
 def test_only_complete_states_with_their_checkpoint_count_newest_first(tmp_path):
     for slot, step in ((0, 500), (1, 400)):
         (tmp_path / f"state.{slot}").write_text(STATE.format(slot, step))
-        (tmp_path / f"checkpoint.{slot}").write_bytes(b"x")
+        (tmp_path / f"checkpoint.{slot}").write_bytes(b"x" + dump.END_OF_RESTART + b"\0")
     assert [(s.file, s.step) for s in dump.read_states(tmp_path)] == [("state.0", 500), ("state.1", 400)]
     (tmp_path / "state.0").write_text(STATE.format(0, 500)[:-4])
     assert [s.file for s in dump.read_states(tmp_path)] == ["state.1"]
-    (tmp_path / "checkpoint.1").unlink()
+    (tmp_path / "checkpoint.1").write_bytes(b"x")  # half of a checkpoint
     assert dump.read_states(tmp_path) == []
 
 

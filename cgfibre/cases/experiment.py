@@ -38,6 +38,9 @@ def scene(changes: Mapping[str, object]) -> Scene:
         for parent in parents:
             table = table.setdefault(parent, {})
         table[last] = value
+    model = data.setdefault("model", {})
+    if model.get("level") != "section":  # commands of experiments speak of both ends
+        model.setdefault("symmetry", "none")
     return scene_from_dict(data)
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
 from cgfibre.engine.datafile import DataFile, Topology, group_types
+from cgfibre.engine.mirror import right_half
 from cgfibre.errors import InputError
 from cgfibre.plan.contact import TANGENTIAL_DAMPING
 from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, ROD_DAMPING, Contact, Plan
@@ -178,10 +179,13 @@ def _strain(system: FilamentSystem, plan: Plan) -> FloatArray:
     EA = np.array([k.EA for k in t])[system.filament_type[filament]]
     if plan.beads.closed:  # no ends to pull: the tension is built in
         return plan.axial_softening * (system.prestrain[filament] + plan.beads.tension / EA)
-    right = np.tile(plan.beads.role == RIGHT, system.n_filaments)
+    role = np.tile(plan.beads.role, system.n_filaments)
+    right = role == RIGHT
     # every held bead is loaded: a bond between two of them carries the outer one's share
     loaded = np.where(right[bonds[:, 0]] & right[bonds[:, 1]], 1, max(1, int(np.sum(plan.beads.role == RIGHT))))
     tension = EA * system.prestrain[filament] + plan.beads.end_load * loaded
+    if plan.beads.support == "symmetric":
+        tension[role[bonds[:, 0]] == LEFT] = 0.0  # to the held bead: it gives a direction, no force
     return plan.axial_softening * tension / EA
 
 
@@ -196,7 +200,8 @@ def rest_bends(system: FilamentSystem) -> FloatArray:
     return np.arctan2(cross, np.sum(u * v, axis=1))
 
 
-def _chain(system: FilamentSystem, plan: Plan) -> Deck:
+def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
+    system, plan = right_half(whole, plan)
     role, mass = _along(system, plan)
     types = system.types
     bonds, angles = system.bonds(), system.angles()
@@ -250,13 +255,16 @@ def _chain(system: FilamentSystem, plan: Plan) -> Deck:
     parameters = _common(system, plan) | {
         "ghost_cutoff_um": _ghost_cutoff(system, plan),
         "bin_um": _bin_size(system),
-        "ranks_along_x": "*" if plan.beads.far_field == "none" else "1",
+        # long bonds, of a far field or to held beads, must not cross from rank to rank
+        "ranks_along_x": "*" if plan.beads.far_field == "none" and plan.beads.support != "symmetric" else "1",
         "angle_style": style,
         "torsion": plan.torsion,
         "support": plan.beads.support,
         "end_load_nN": plan.beads.end_load,
         "boundary_x": "p" if plan.beads.closed else "m",
     }
+    if plan.beads.support == "symmetric":
+        parameters |= {"mirror": 2, "plane_x_um": float(plan.beads.stations[1])}
     if plan.beads.support == "condensed":
         parameters["far_transverse_nN_um"], parameters["far_axial_nN_um"] = plan.beads.far_spring
     return Deck("in.chain", parameters, data, {})

@@ -11,6 +11,7 @@ import numpy as np
 from cgfibre.build.system import FilamentSystem, FloatArray
 from cgfibre.engine.assemble import platen_heights
 from cgfibre.engine.dump import RawRecord, iterate_frames, read_record
+from cgfibre.engine.mirror import moved_beads, whole_of
 from cgfibre.plan.model import Plan
 from cgfibre.record import Curve, Frames
 
@@ -98,11 +99,11 @@ def displacement_at(plan: Plan, step: np.ndarray, stop_step: int) -> FloatArray:
 def frames_of(folder: Path, system: FilamentSystem, plan: Plan, stop_step: int) -> Frames:
     """Frames of a deck's folder, of equal steps the last, in rising order; a frame cut short at the end is dropped."""
     found: dict[int, FloatArray] = {}
-    for step, positions in iterate_frames(folder / "trajectory.lammpstrj", system.n_beads):
+    for step, positions in iterate_frames(folder / "trajectory.lammpstrj", moved_beads(system, plan)):
         if plan.level == "section":
             # a section's y, z were LAMMPS' x, y
             positions = np.column_stack([np.zeros(len(positions)), positions[:, 0], positions[:, 1]])
-        found[step] = positions
+        found[step] = whole_of(positions, system, plan)
     steps = np.array(sorted(found), dtype=np.int64)
     stacked = np.stack([found[s] for s in steps.tolist()]) if found else np.empty((0, system.n_beads, 3))
     return Frames(steps, displacement_at(plan, steps, stop_step), stacked)

@@ -32,6 +32,8 @@ EXTREME_COLUMNS = ("step", "displacement", "y_lo", "y_hi", "z_lo", "z_hi", "clos
 
 FRAME = b"ITEM: TIMESTEP\n"
 
+END_OF_RESTART = b"LammpS RestartT"
+
 
 @dataclass(frozen=True)
 class RawRecord:
@@ -145,6 +147,15 @@ def _frame(block: bytes, n_beads: int) -> tuple[int, FloatArray] | None:
     return step, positions
 
 
+def _is_whole(checkpoint: Path) -> bool:
+    """Whether a restart file ends as the engine ends them: on a full disk it writes half of one without a word."""
+    if not checkpoint.exists():
+        return False
+    with checkpoint.open("rb") as f:
+        f.seek(max(0, checkpoint.stat().st_size - 64))
+        return END_OF_RESTART in f.read()
+
+
 def read_states(folder: Path) -> list[State]:
     """Complete state files of a deck's folder, the newest checkpoint first."""
     states = []
@@ -153,7 +164,7 @@ def read_states(folder: Path) -> list[State]:
         if not text.rstrip().endswith("# complete"):
             continue
         values = dict(re.findall(r"variable (\w+) index (\S+)", text))
-        if (folder / values["checkpoint"]).exists():
+        if _is_whole(folder / values["checkpoint"]):
             states.append(
                 State(
                     path.name,

@@ -38,6 +38,11 @@ REMEDIES: tuple[tuple[str, str, str], ...] = (
         "a force or a position is not a number",
         "halve the time step; check for coincident filaments",
     ),
+    (
+        r"Too many neighbor bins|Bond length|Angle extent|Atom coordinates",
+        "beads flew apart: the run became unstable",
+        "halve the time step (--set model.timestep=...) or the platen speed",
+    ),
     (r"Out of range atoms", "a bead moved further than a cell in one step", "halve the time step or the platen speed"),
     (
         r"No space left|Disk quota|[Ww]rite error|[Ee]rror writing|I/O error while writing",
@@ -51,6 +56,9 @@ REMEDIES: tuple[tuple[str, str, str], ...] = (
         "use a build with the packages MOLECULE, GRANULAR and BPM (cgfibre doctor)",
     ),
 )
+
+
+FULL_DISK = 16 * 1024  # bytes: with no more room than this, a run that stops has stopped for it
 
 
 @dataclass(frozen=True)
@@ -245,6 +253,8 @@ def _diagnose(code: int, log: Path, errors: Path) -> tuple[str, str]:
             "the engine was killed (out of memory, or by hand)",
             "go on with --resume, with fewer beads if memory ran out",
         )
+    if shutil.disk_usage(log.parent).free < FULL_DISK:  # the message itself may not have found room
+        message = "No space left: " + message
     for pattern, reason, remedy in REMEDIES:
         if re.search(pattern, message):
             return f"{reason} (LAMMPS: {message})", remedy

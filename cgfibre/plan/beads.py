@@ -6,7 +6,7 @@ All filaments share their stations along x, so beads in contact lie in the same 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -78,19 +78,51 @@ def choose_far_field(scene: Scene, level: str, zone: tuple[float, float]) -> tup
 @dataclass(frozen=True)
 class Layout:
     """Where the beads of every filament stand: ``stations`` um, ``role``, the ``zone`` of fine beads um, the form of
-    the ``far_field`` and the constants of its condensed end (else empty)."""
+    the ``far_field`` and the constants of its condensed end (else empty); ``half``: only the right half is modelled."""
 
     stations: FloatArray
     role: IntArray
     zone: tuple[float, float]
     far_field: str
     condensed: dict[str, float]
+    half: bool = False
+
+
+def choose_symmetry(scene: Scene, level: str, far_field: str, dihedrals: bool) -> tuple[bool, str]:
+    """(half, reason): whether the right half of the assembly is modelled in place of all of it.
+
+    Straight filaments between centred platens are their own mirror image about mid-span; only a free left end, or a
+    buckling that takes sides, is lost. A rod would need its turn about y and z held there.
+    """
+    against = ""
+    if level != "chain":
+        against = "only chains have it"
+    elif not scene.assembly.straight or dihedrals:
+        against = "twisted or migrating filaments are not their own mirror image"
+    elif scene.ends.support == "symmetry":
+        against = "a periodic cell has no middle"
+    elif far_field == "condensed":
+        against = "a condensed far field is short already"
+    asked = scene.model.symmetry
+    if asked == "half" and against:
+        raise InputError("model.symmetry", asked, f"'auto' or 'none': {against}")
+    if asked == "none":
+        return False, "as asked in the scene"
+    if against:
+        return False, against
+    return True, "straight filaments between centred platens: the left half mirrors the right one, at half the cost"
 
 
 def lay_beads(
-    scene: Scene, filament: FilamentType, level: str, spacing: float, zone: tuple[float, float], far_field: str
+    scene: Scene,
+    filament: FilamentType,
+    level: str,
+    spacing: float,
+    zone: tuple[float, float],
+    far_field: str,
+    half: bool = False,
 ) -> Layout:
-    """Stations and roles of the beads at most ``spacing`` um apart in the ``zone``."""
+    """Stations and roles of the beads at most ``spacing`` um apart in the ``zone``; ``half``: mid-span between two."""
     length = scene.assembly.length
     anchors = tuple(x for span in (platen_span(scene), bottom_span(scene)) for x in span if 0 < x < length)
     extras: dict[str, float] = {}
@@ -101,6 +133,12 @@ def lay_beads(
             length=length, fine=spacing, zone=zone, coarse=max(spacing, COARSE * length), anchors=anchors
         )
     stations = lay_stations(spec)
+    if half and len(stations) % 2:
+        # one segment more between the anchors about mid-span: the plane of symmetry halves no bead
+        inner = np.array([x for x in (0.0, length, *anchors, *(spec.zone or ()))])
+        lo, hi = np.max(inner[inner < length / 2]), np.min(inner[inner > length / 2])
+        segments = np.count_nonzero((stations > lo - 1e-9) & (stations < hi + 1e-9)) - 1
+        stations = lay_stations(replace(spec, fine=float(hi - lo) / (segments + 1) * (1 + 1e-9)))
     support = scene.ends.support
     if far_field == "condensed":
         inside = (stations >= zone[0] - 1e-9) & (stations <= zone[1] + 1e-9)
@@ -129,7 +167,7 @@ def lay_beads(
     if support != "symmetry":
         held = 2 if support == "clamped" else 1
         role[:held], role[-held:] = LEFT, RIGHT
-    return Layout(stations, role.astype(np.int64), zone, far_field, extras)
+    return Layout(stations, role.astype(np.int64), zone, far_field, extras, half and len(stations) % 2 == 0)
 
 
 def bond_lengths(stations: FloatArray, closed: bool, length: float) -> FloatArray:
@@ -186,7 +224,7 @@ def finish_beads(
         role=role,
         mass=mass,
         hinge=hinge,
-        support={"symmetry": "periodic"}.get(support, "condensed" if extras else "simple"),
+        support="periodic" if closed else "condensed" if extras else "symmetric" if layout.half else "simple",
         end_load=tension / held if held else 0.0,
         tension=tension,
         far_spring=(extras["transverse"], extras["axial"]) if extras else (0.0, 0.0),

@@ -17,6 +17,7 @@ from cgfibre.plan.beads import (
     SAFETY,
     bottom_span,
     choose_far_field,
+    choose_symmetry,
     fine_zone,
     finish_beads,
     lay_beads,
@@ -238,7 +239,9 @@ def _filament_plan(scene: Scene, out: Outline, level: str, choices: list[Choice]
             else "crossing cylinders (Hertz, Mindlin)",
         )
     )
-    layout = lay_beads(scene, f, level, spacing, zone, far)
+    half, reason = choose_symmetry(scene, level, far, scene.model.torsion == "dihedral")
+    layout = lay_beads(scene, f, level, spacing, zone, far, half)
+    choices.append(Choice("symmetry", "the right half" if layout.half else "none", reason))
     stations = layout.stations
     # what a bead under the platen stands for: the spacing there
     lo, hi = platen_span(scene)
@@ -284,7 +287,7 @@ def _filament_plan(scene: Scene, out: Outline, level: str, choices: list[Choice]
             )
         )
     drag = DRAG * frequency
-    n_beads = len(out.centres) * len(stations)
+    n_beads = len(out.centres) * (len(stations) // 2 + 1 if layout.half else len(stations))
     return Plan(
         level=level,
         spacing=bead,

@@ -1,0 +1,67 @@
+"""The right half of an assembly that is its own mirror image about mid-span: what the engine moves of it, and back.
+
+The plane of symmetry lies midway between two beads, so no bead is halved. There the filaments run at right angles to
+it: the first bead right of the plane keeps its x, and its hinge turns against a bead held far away on the left, whose
+direction from there does not change (1e-4 rad for a displacement of 20 um).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cgfibre.build.system import FilamentSystem, FloatArray
+from cgfibre.plan.model import LEFT, Beads, Plan
+
+FAR = 2e5  # um: how far away the held beads are
+
+
+def _split(beads: Beads) -> tuple[int, float]:
+    """(first station of the right half, x of the plane)."""
+    n = len(beads.stations)
+    return n // 2, float(beads.stations[0] + beads.stations[-1]) / 2
+
+
+def right_half(system: FilamentSystem, plan: Plan) -> tuple[FilamentSystem, Plan]:
+    """(system, plan) of the right half, every filament with its held bead first; as they are without symmetry."""
+    if plan.beads.support != "symmetric":
+        return system, plan
+    first, plane = _split(plan.beads)
+    n, old = system.n_filaments, plan.beads
+    whole = system.positions.reshape(n, len(old.stations), 3)[:, first:]
+    held = whole[:, :1] - np.array([FAR, 0.0, 0.0])
+    positions = np.concatenate([held, whole], axis=1)
+    box = system.box.copy()
+    box[0, 0] = plane - FAR - 10 * plan.spacing
+    half = replace(
+        system,
+        positions=positions.reshape(-1, 3),
+        filament_start=np.arange(n + 1, dtype=np.int64) * positions.shape[1],
+        box=box,
+    )
+    beads = replace(
+        old,
+        stations=np.concatenate([[old.stations[first] - FAR], old.stations[first:]]),
+        role=np.concatenate([[LEFT], old.role[first:]]),
+        mass=np.concatenate([old.mass[first : first + 1], old.mass[first:]]),
+        hinge=np.concatenate([[0.0], old.hinge[first:]]),
+    )
+    return half, replace(plan, beads=beads)
+
+
+def whole_of(positions: FloatArray, system: FilamentSystem, plan: Plan) -> FloatArray:
+    """(n_beads, 3) positions of the whole assembly from those of what the engine moved, um."""
+    if plan.beads.support != "symmetric":
+        return positions
+    _, plane = _split(plan.beads)
+    right = positions.reshape(system.n_filaments, -1, 3)[:, 1:]
+    left = right[:, ::-1] * np.array([-1.0, 1.0, 1.0]) + np.array([2 * plane, 0.0, 0.0])
+    return np.concatenate([left, right], axis=1).reshape(-1, 3)
+
+
+def moved_beads(system: FilamentSystem, plan: Plan) -> int:
+    """Number of beads that the engine moves."""
+    if plan.beads.support != "symmetric":
+        return system.n_beads
+    return system.n_beads // 2 + system.n_filaments
