@@ -44,6 +44,8 @@ ACCURACY = 0.05
 REFERENCE_ACCURACY = 0.0125  # finer than the ladder: at the same speed its error would not show
 #: jitter over D of specimens whose scene has none
 JITTER = 1 / 700
+#: of the reference's predicted time: variants that cost more have as few starts as it has
+COSTLY = 0.25
 UNBOUNDED = 10**9
 PLANNER = "planner"
 COMPARED = "compared"  # in place of the level of what was made elsewhere
@@ -67,8 +69,9 @@ class Variant:
 
 @dataclass(frozen=True)
 class ChartOptions:
-    """How to chart: folder, starts (specimens) a variant and for the reference, its accuracy, parallel runs, the names
-    of the variants to run (empty: all), results made elsewhere to draw beside them, the error aimed at."""
+    """How to chart: folder, starts (specimens) a variant, and for the reference and what costs more than a quarter of
+    it, the reference's accuracy, parallel runs, the names of the variants to run (empty: all), results made elsewhere
+    to draw beside them ([LABEL=]PATH), the error aimed at."""
 
     out: Path
     seeds: int = 3
@@ -255,9 +258,13 @@ def _lay_out(source: str | Path, overrides: Sequence[str], options: ChartOptions
         whole = (*overrides, *LOADING_ALONE, *_start_overrides(scene, start), *v.overrides)
         return _Run(v, start, options.out / "runs" / f"{v.name}-{start + 1}", whole, *plan_scene(source, whole))
 
+    references = [plan_run(reference, k) for k in range(options.reference_seeds)]
+    costly = COSTLY * references[0].plan.predicted_seconds
+
     def plan_runs(v: Variant) -> list[_Run]:
-        starts = options.reference_seeds if v.name == reference.name else options.seeds
-        return [plan_run(v, k) for k in range(starts)]
+        first = plan_run(v, 0)
+        more = options.seeds if first.plan.predicted_seconds < costly else options.reference_seeds
+        return [first, *(plan_run(v, k) for k in range(1, more))]
 
     runs, left_out = {}, []
     for v in steps:
@@ -265,7 +272,7 @@ def _lay_out(source: str | Path, overrides: Sequence[str], options: ChartOptions
             runs[v.name] = plan_runs(v)
         except InputError as error:
             left_out.append((v.name, str(error)))
-    runs[reference.name] = plan_runs(reference)
+    runs[reference.name] = references
     own = Variant(PLANNER, "", 0.0, scene.model.accuracy, ())
     mine = plan_run(own, 0)
     same = [name for name, found in runs.items() if _same_model(found[0].plan, mine.plan)]

@@ -151,7 +151,13 @@ def measure(folder: Path) -> None:
 @click.option("--out", type=click.Path(path_type=Path), help="folder of the chart [results/chart-NAME]")
 @_set
 @click.option("--seeds", type=int, default=3, show_default=True, help="jittered starts a variant")
-@click.option("--reference-seeds", type=int, default=1, show_default=True, help="and of the reference, the costliest")
+@click.option(
+    "--reference-seeds",
+    type=int,
+    default=1,
+    show_default=True,
+    help="and of the costliest: the reference, and what takes over a quarter of its time",
+)
 @click.option("--reference-accuracy", type=float, default=0.0125, show_default=True, help="sets its platen speed")
 @click.option("--only", metavar="NAME,...", help="these variants alone, beside the planner's choice and the reference")
 @click.option("--compare", multiple=True, metavar="[LABEL=]PATH",

@@ -105,7 +105,8 @@ def certificate_lines(found: Mapping[str, Any] | None) -> list[str]:
     mean, worst = found["force_error_mean"], found["force_error_worst"]
     if mean is not None:
         lines.append(
-            f"force at a displacement: +- {mean:.1%} on average from {found['from_um']:.2g} um on, {worst:.0%} at worst"
+            f"force at a displacement: +- {mean:.1%} on average from {found['from_um']:.2g} um on, {worst:.0%} at "
+            "worst (errors of the numbers; what the level leaves out: cgfibre plan)"
         )
     return lines
 

@@ -15,7 +15,9 @@ from test_workflow import same_curve, start, wait_for
 from cgfibre import certify, report, workflow
 from cgfibre.engine import job
 from cgfibre.errors import EngineError, InputError
+from cgfibre.measure.compaction import thickness_at_pressure
 from cgfibre.record import CURVE_COLUMNS, Curve
+from cgfibre.review import speed_change
 
 
 def engines_of(out):
@@ -180,6 +182,19 @@ def test_a_certified_run_states_its_thickness_with_an_error(certified):
     guard = next(g for g in certified.summary["guards"] if g["name"] == "certificate")
     assert guard["value"] == found["force_error_mean"] and guard["ok"] == (guard["value"] <= 0.2)
     assert (certified.out / "pressure.png").stat().st_size > 5000
+
+
+def test_the_certificate_covers_the_error_against_a_far_finer_run(bench, certified):
+    """s = D/2 at an eighth of the platen speed (measured: 9 % where 25 % are stated; first order is assumed, the speed
+    converges faster), and every thickness that it reached."""
+    fine = bench.run("fine", *QUICK, "model.spacing=3.5 um", "model.accuracy=0.0125").curve
+    found = certified.summary["certificate"]
+    true = speed_change(certified.curve, fine, certified.summary["quasi_static_from_um"])["mean"]
+    assert 0.1 * found["force_error_mean"] < true < found["force_error_mean"]
+    thickness = thickness_at_pressure(fine["thickness_um"], fine["pressure_MPa"], found["pressure_MPa"])
+    reached = np.isfinite(thickness)
+    off = np.abs(np.array(found["thickness_um"]) - thickness)[reached]
+    assert reached.sum() >= 5 and np.all(off <= np.array(found["error_um"])[reached])
 
 
 def test_measuring_keeps_the_certificate_with_and_without_the_finer_runs(certified, tmp_path, monkeypatch):

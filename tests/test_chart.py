@@ -116,6 +116,9 @@ def test_starts_are_other_specimens_of_the_same_scene(tiny, tmp_path):
     scenes = [r.scene.assembly for r in work.runs["chain-D-0.1"]]
     assert [s.seed for s in scenes] == [1, 2, 3] and all(0 < s.jitter < 0.1 for s in scenes)
     assert len(work.runs[work.reference]) == 1
+    cost = {name: runs[0].plan.predicted_seconds for name, runs in work.runs.items()}
+    for name, runs in work.runs.items():
+        assert len(runs) == (3 if cost[name] < cost[work.reference] / 4 else 1), name
 
 
 # --- one filament alone -----------------------------------------------------------------------------------------------
