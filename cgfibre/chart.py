@@ -44,13 +44,13 @@ ACCURACY = 0.05
 REFERENCE_ACCURACY = 0.0125  # finer than the ladder: at the same speed its error would not show
 #: jitter over D of specimens whose scene has none
 JITTER = 1 / 700
-#: of the reference's predicted time: variants that cost more have as few starts as it has
-COSTLY = 0.25
+#: of the reference's predicted time, and seconds: variants that cost more than both have as few starts as it has
+COSTLY, CHEAP = 0.25, 20.0
 UNBOUNDED = 10**9
 PLANNER = "planner"
 COMPARED = "compared"  # in place of the level of what was made elsewhere
 #: keys of the other level that a variant sets back to their defaults
-_ALONG = ("model.spacing=auto", "model.axial_softening=auto", "model.torsion=none")
+_ALONG = ("model.spacing=auto", "model.axial_softening=auto", "model.torsion=none", "model.symmetry=auto")
 _ACROSS = ("model.depth=auto", "model.spring=exact", "model.torsional_spring=exact")
 #: what every run of a chart leaves out
 LOADING_ALONE = ("platens.unload=false", "platens.hold=0 us", "model.speed_check=false")
@@ -163,7 +163,8 @@ def variant(level: str, spacing: float, accuracy: float, diameter: float) -> Var
 def ladder(scene: Scene, reference_accuracy: float = REFERENCE_ACCURACY) -> tuple[list[Variant], Variant]:
     """(variants, the reference) of a scene: rods are the finest of filaments that twist or migrate, else chains.
 
-    The reference is at s = D/2 and, by default, half the platen speed of the ladder's finest.
+    The reference is at s = D/2, of the whole assembly (no symmetry) and, by default, at half the platen speed of the
+    ladder's finest.
     """
     d = scene.filament.diameter
     finest = "chain" if scene.assembly.straight else "rod"
@@ -174,6 +175,7 @@ def ladder(scene: Scene, reference_accuracy: float = REFERENCE_ACCURACY) -> tupl
         steps += [variant("chain", s, ACCURACY, d) for s in (2.0, 4.0)]
     steps.append(variant("rod", 1.0, ACCURACY, d))
     reference = variant(finest, 0.5, reference_accuracy, d)
+    reference = replace(reference, overrides=(*reference.overrides, "model.symmetry=none"))
     return [v for v in steps if v.name != reference.name], reference
 
 
@@ -223,7 +225,7 @@ def _same_model(a: Plan, b: Plan) -> bool:
 
     def numbers(plan: Plan) -> str:
         values = asdict(plan)
-        for key in ("choices", "omissions", "predicted_seconds"):
+        for key in ("choices", "omissions", "promise", "predicted_seconds"):
             values.pop(key)
         return json.dumps(store.plain(values))
 
@@ -259,7 +261,7 @@ def _lay_out(source: str | Path, overrides: Sequence[str], options: ChartOptions
         return _Run(v, start, options.out / "runs" / f"{v.name}-{start + 1}", whole, *plan_scene(source, whole))
 
     references = [plan_run(reference, k) for k in range(options.reference_seeds)]
-    costly = COSTLY * references[0].plan.predicted_seconds
+    costly = max(COSTLY * references[0].plan.predicted_seconds, CHEAP)
 
     def plan_runs(v: Variant) -> list[_Run]:
         first = plan_run(v, 0)

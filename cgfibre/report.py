@@ -22,12 +22,21 @@ def _seconds(t: float) -> str:
     return f"{t:.0f} s" if t < 100 else f"{t / 60:.0f} min" if t < 6000 else f"{t / 3600:.1f} h"
 
 
+def _promise_against(scene: Scene, plan: Plan) -> str:
+    asked = scene.model.accuracy
+    if plan.promised_error <= asked:
+        return f"mean over the quasi-static loading; {asked:.0%} was asked for"
+    worst = max(plan.promise, key=lambda part: part.value)
+    return f"mean over the quasi-static loading; more than the {asked:.0%} asked for, most of it from {worst.what}"
+
+
 def print_plan(scene: Scene, plan: Plan, brief: bool = False) -> None:
     """The plan as tables; ``brief``: one line."""
     console = Console()
     line = (
         f"{scene.name or 'scene'}: {plan.n_filaments} filaments, level {plan.level}, {plan.n_beads} beads, "
-        f"{plan.planned_steps} steps of {plan.timestep:.3g} us, about {_seconds(plan.predicted_seconds)} on one core"
+        f"{plan.planned_steps} steps of {plan.timestep:.3g} us, about {_seconds(plan.predicted_seconds)} on one core, "
+        f"force within {plan.promised_error:.1%}"
     )
     console.print(line, highlight=False)
     if brief:
@@ -39,6 +48,11 @@ def print_plan(scene: Scene, plan: Plan, brief: bool = False) -> None:
     for o in plan.omissions:
         left.add_row(o.what, o.reason, o.error)
     console.print(chosen, left)
+    parts = Table("error", "of the force", "because", title="What is promised", title_justify="left")
+    for part in plan.promise:
+        parts.add_row(part.what, f"{part.value:.1%}", part.reason)
+    parts.add_row("sum", f"{plan.promised_error:.1%}", _promise_against(scene, plan))
+    console.print(parts)
 
 
 class RunProgress:

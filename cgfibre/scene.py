@@ -629,8 +629,12 @@ def _check_section(scene: Scene) -> None:
         raise _refusal("platens.shape", scene.platens.shape, f"'flat': {none_along}")
     if scene.model.far_field in ("graded", "condensed"):
         raise _refusal("model.far_field", scene.model.far_field, f"'auto' or 'none': {none_along}")
-    if scene.ends.support != "simply-supported":
-        expected = "'simply-supported' with level = 'section': its springs are those of such filaments"
+    periodic = scene.ends.support == "symmetry" and scene.platens.width == "full"
+    if scene.ends.support != "simply-supported" and not periodic:
+        expected = (
+            "'simply-supported' with level = 'section' (its springs are those of such filaments), or 'symmetry' with "
+            "platens.width = 'full'"
+        )
         raise _refusal("ends.support", scene.ends.support, expected)
     if scene.contact.law == "hertz":
         expected = "'auto' or 'hooke' with level = 'section': parallel filaments touch along lines, hertz is for points"

@@ -185,16 +185,18 @@ def test_a_certified_run_states_its_thickness_with_an_error(certified):
 
 
 def test_the_certificate_covers_the_error_against_a_far_finer_run(bench, certified):
-    """s = D/2 at an eighth of the platen speed (measured: 9 % where 25 % are stated; first order is assumed, the speed
-    converges faster), and every thickness that it reached."""
+    """s = D/2 at an eighth of the platen speed (measured: 14 % where 36 % are stated; first order is assumed, the speed
+    converges faster), and the thicknesses from 0.3 MPa on: below, the run is far from quasi-static, and says so."""
     fine = bench.run("fine", *QUICK, "model.spacing=3.5 um", "model.accuracy=0.0125").curve
     found = certified.summary["certificate"]
     true = speed_change(certified.curve, fine, certified.summary["quasi_static_from_um"])["mean"]
     assert 0.1 * found["force_error_mean"] < true < found["force_error_mean"]
-    thickness = thickness_at_pressure(fine["thickness_um"], fine["pressure_MPa"], found["pressure_MPa"])
-    reached = np.isfinite(thickness)
-    off = np.abs(np.array(found["thickness_um"]) - thickness)[reached]
-    assert reached.sum() >= 5 and np.all(off <= np.array(found["error_um"])[reached])
+    p = np.array(found["pressure_MPa"])
+    thickness = thickness_at_pressure(fine["thickness_um"], fine["pressure_MPa"], p)
+    compared = np.isfinite(thickness) & (p > 0.29)
+    off = np.abs(np.array(found["thickness_um"]) - thickness)[compared]
+    assert compared.sum() >= 3 and np.all(off <= np.array(found["error_um"])[compared])
+    assert not any(np.array(found["quasi_static"])[p < 0.29])
 
 
 def test_measuring_keeps_the_certificate_with_and_without_the_finer_runs(certified, tmp_path, monkeypatch):

@@ -116,9 +116,18 @@ def test_starts_are_other_specimens_of_the_same_scene(tiny, tmp_path):
     scenes = [r.scene.assembly for r in work.runs["chain-D-0.1"]]
     assert [s.seed for s in scenes] == [1, 2, 3] and all(0 < s.jitter < 0.1 for s in scenes)
     assert len(work.runs[work.reference]) == 1
+    assert all(len(runs) == 3 for name, runs in work.runs.items() if name != work.reference)
+
+
+def test_what_costs_nearly_as_much_as_the_reference_has_one_start_as_well(tmp_path):
+    work = chart._lay_out("carbon-37", ("platens.stop.displacement=14 um",), ChartOptions(tmp_path / "x"))
     cost = {name: runs[0].plan.predicted_seconds for name, runs in work.runs.items()}
     for name, runs in work.runs.items():
-        assert len(runs) == (3 if cost[name] < cost[work.reference] / 4 else 1), name
+        assert len(runs) == (1 if cost[name] > max(20, cost[work.reference] / 4) else 3), name
+    assert len(work.runs["rod-D-0.05"]) == len(work.runs[work.reference]) == 1
+    # the planner may take half of a symmetric assembly, the reference is all of it
+    assert work.runs[work.planner][0].plan.beads.support == "symmetric"
+    assert work.runs[work.reference][0].plan.beads.support == "simple"
 
 
 # --- one filament alone -----------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from cgfibre.plan.contact import TANGENTIAL_DAMPING
 from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, ROD_DAMPING, Contact, Plan
 
 ROLES = 5
-NEAR = 0.15  # of D: beads this near to a platen are given to its wall for a block of steps
+NEAR = 0.5  # of D: beads this near to a platen are given to its wall for a block of steps
 EDGE = 1e-3  # um: a bead that stands on a platen's edge counts as under it
 #: smallest rest bend at which angle harmonic is safe: below 1 mrad it is silently wrong (lammps-findings)
 HARMONIC_BEND = 0.01
