@@ -158,7 +158,8 @@ def plan_motion(
     first, last, growth = choose_speed(bodies, d, eps, displacement)
     fastest, allowed = last, (first, last, growth)
     if asked == "auto":
-        budget = min(max(BUDGET / bodies.n_beads, LEAST_STEPS), MOST_STEPS)
+        most = scene.model.most_steps
+        budget = min(max(BUDGET / bodies.n_beads, LEAST_STEPS), MOST_STEPS) if most == "auto" else most
         faster = film_time(first, last, growth, displacement) / timestep / budget
         reason = (
             f"v <= eps F/sqrt(kn m) for beads and eps F omega/(k n) for filaments with eps = {SPEED_GAIN:g} x accuracy "
