@@ -94,9 +94,10 @@ def plan_dict(plan: Plan) -> dict[str, Any]:
 def build_scene(source: str | Path, out: Path, overrides: Sequence[str] = (), force: bool = False) -> Path:
     """Write the deck of a scene into ``out``/deck, beside scene.toml and plan.json; returns the deck's folder."""
     scene, plan = plan_scene(source, overrides)
+    system = build_system(scene, plan)  # may refuse: before anything is written
     _claim(out, force)
     _write_inputs(out, scene, plan)
-    return _write_deck(out / "deck", scene, plan, build_system(scene, plan))
+    return _write_deck(out / "deck", scene, plan, system)
 
 
 def _claim(out: Path, force: bool) -> None:
@@ -167,13 +168,13 @@ def run_scene(
         raise InputError("--ranks", options.ranks, "1 or more")
     engine = find_engine(options.engine, options.launcher)
     engine.command(options.ranks)
+    system = build_system(scene, plan)  # may refuse: before anything is written
     out = options.out
     if options.resume:
         _check_same_scene(out, scene)
     else:
         _claim(out, options.force)
         _write_inputs(out, scene, plan)
-    system = build_system(scene, plan)
     folder = out / "deck"
     if not (options.resume and (folder / "system.data").exists()):
         _write_deck(folder, scene, plan, system)
