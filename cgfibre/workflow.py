@@ -91,9 +91,10 @@ def plan_dict(plan: Plan) -> dict[str, Any]:
 def build_scene(source: str | Path, out: Path, overrides: Sequence[str] = (), force: bool = False) -> Path:
     """Write the deck of a scene into ``out``/deck, beside scene.toml and plan.json; returns the deck's folder."""
     scene, plan = plan_scene(source, overrides)
+    system = build_system(scene, plan)  # may refuse: before anything is written
     _claim(out, force)
     _write_inputs(out, scene, plan)
-    return write_job(out / "deck", build_system(scene, plan), plan, _about(scene, plan))
+    return write_job(out / "deck", system, plan, _about(scene, plan))
 
 
 def _claim(out: Path, force: bool) -> None:
@@ -144,8 +145,8 @@ def run_scene(
         raise InputError("--ranks", options.ranks, "1 or more")
     engine = find_engine(options.engine, options.launcher)
     engine.command(options.ranks)
+    system = build_system(scene, plan)  # may refuse: before anything is written
     out = options.out
-    system = build_system(scene, plan)
     wanted = certify.parts_of(plan) if options.certify else ("speed",) if scene.model.speed_check else ()
     finer = [certify.finer_run(part, scene, plan, system) for part in wanted]
     if options.resume:

@@ -89,7 +89,7 @@ def test_damping_of_contacts_shortens_the_step_as_predicted(bench):
     found = [t.limit(bench, limits.caged_step(t)) for t in trials]
     for trial, limit in zip(trials, found, strict=True):
         assert limit == pytest.approx(limits.caged_step(trial), rel=0.02)
-    assert found[1] < 0.4 * found[0]
+    assert found[1] < 0.8 * found[0]
 
 
 def test_thick_rods_are_damped_as_thin_ones(bench):

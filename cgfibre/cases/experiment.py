@@ -42,7 +42,8 @@ def scene(changes: Mapping[str, object]) -> Scene:
     model = data.setdefault("model", {})
     if model.get("level") != "section":  # commands of experiments speak of both ends
         model.setdefault("symmetry", "none")
-        model.setdefault("spacing", data["filament"].get("diameter", "7 um"))
+        if "spacing" not in model:
+            model["spacing"] = f"{scene_from_dict(data).filament.diameter} um"
     return scene_from_dict(data)
 
 

@@ -182,6 +182,18 @@ def bond_lengths(stations: FloatArray, closed: bool, length: float) -> FloatArra
     return np.append(gaps, length - (stations[-1] - stations[0])) if closed else gaps
 
 
+def _check_natural_length(scene: Scene) -> None:
+    """Refuse periodic rods under tension: they could not be laid out in their natural length."""
+    cut = scene.assembly.twist_state == "tensioned" and not scene.assembly.straight
+    if scene.ends.tension > 0 or cut:
+        raise InputError(
+            "assembly.twist_state" if cut else "ends.tension",
+            "tensioned" if cut else f"{scene.ends.tension:g} nN",
+            f"{'stress-free' if cut else '0 N'} with symmetry ends at level rod (a periodic rod cannot be laid out in "
+            'its natural length), or model.level = "chain"',
+        )
+
+
 def finish_beads(
     scene: Scene, filament: FilamentType, level: str, layout: Layout, softening: float, contact: ContactPlan
 ) -> tuple[Beads, float]:
@@ -190,6 +202,8 @@ def finish_beads(
     The limit adds bounds of stretching and bending to those of six contacts with their damping: it is proven, not
     tried.
     """
+    if level == "rod" and scene.ends.support == "symmetry":
+        _check_natural_length(scene)
     support, stations, role, extras = scene.ends.support, layout.stations, layout.role, layout.condensed
     closed = support == "symmetry"
     gaps = bond_lengths(stations, closed, scene.assembly.length)

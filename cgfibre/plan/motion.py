@@ -19,7 +19,7 @@ REFERENCE_DISPLACEMENT = 2 / 7
 LATE = 2.0
 #: the accuracy over which the platen's bound is taken, over that asked for: at the bound with eps the mean error of
 #: carbon-37 is about 0.4 eps (measured: 1.6, 3.7, 11 % to 10 um at 0.05, 0.1, 0.2)
-SPEED_GAIN = 1.5
+SPEED_GAIN = 1.2
 #: the speed may grow to this many times its first value
 SPEED_RATIO = 30.0
 #: bead-steps of loading beyond which an automatic speed is raised, and the least and most steps that makes of them; the
