@@ -264,7 +264,7 @@ def test_the_verb_measures_a_map_and_says_where_it_lies(cgfibre, tmp_path):
         ("step-spacing", 0.008),
         ("step-softening", 0.008),
         ("step-contact", 0.05),
-        ("step-damping", 0.09),
+        ("step-damping", 0.11),
         ("step-rod-damping", 0.012),
         ("step-dihedral", 0.06),
         ("step-materials", 0.008),
@@ -276,7 +276,9 @@ def test_the_verb_measures_a_map_and_says_where_it_lies(cgfibre, tmp_path):
     ],
 )
 def test_whole_maps_lie_at_their_closed_forms(bench, name, rel):
-    """Chains and rods in a cage: the bound of damped modes is short by what bending and contact do not share."""
+    """step-damping: the cage's own filaments do not spin, so the spinning mode of the 19 inside it has 0.906 of an
+    endless packing's damping ((6 + highest eigenvalue of who touches whom)/12): the limit is up to 10.4 % longer.
+    """
     (chart,) = stability.find_maps([name])
     points = [p for p in chart.points(bench) if p.predicted > 1e-12]
     near(points, rel)
