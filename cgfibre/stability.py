@@ -73,11 +73,10 @@ MAPS: tuple[LimitMap, ...] = (
         "Velocity-Verlet takes damping half a step late, so damping shortens the step. A disc in six sticking "
         "contacts is "
         "overdamped long before a pair of them is.",
-        "4/(c + sqrt(c^2 + 4 omega^2)), c = 3 gamma/(J m) for beads that spin alike, 9 gamma/m for the others",
-        "The plan's step does not know damping yet: at the default ratio 0.3 a section's is 1.22 times the limit of "
-        "discs that stick on all sides (chains 0.86, rods 0.74 of theirs). Friction bounds what grows, and a pressed "
-        "bundle has few such discs: 37 discs pressed to 20 um gave the same force at 0.3 of that step. "
-        "mechanics.rod.packed_time_step is the limit to plan by.",
+        "4/(c + sqrt(c^2 + 4 omega^2)), c = 3 x gamma/(J m) for beads that spin alike, 9 (1 + x)/2 gamma/m across, x = 0.3",
+        "Default: the plan's step is 0.9 of a bound that adds six damped contacts, one of them a platen's, to bending "
+        "(ContactPlan.bounds, mechanics.rod.limiting_time_step); tangential damping is 0.3 of the normal one, so that "
+        "spinning discs are not overdamped.",
         limits.step_against_damping,
         (False, True),
     ),
