@@ -73,7 +73,8 @@ MAPS: tuple[LimitMap, ...] = (
         "Velocity-Verlet takes damping half a step late, so damping shortens the step. A disc in six sticking "
         "contacts is "
         "overdamped long before a pair of them is.",
-        "4/(c + sqrt(c^2 + 4 omega^2)), c = 3 x gamma/(J m) for beads that spin alike, 9 (1 + x)/2 gamma/m across, x = 0.3",
+        "4/(c + sqrt(c^2 + 4 omega^2)), c = 3 x gamma/(J m) for beads that spin alike, 9 (1 + x)/2 gamma/m across, "
+        "x = 0.3",
         "Default: the plan's step is 0.9 of a bound that adds six damped contacts, one of them a platen's, to bending "
         "(ContactPlan.bounds, mechanics.rod.limiting_time_step); tangential damping is 0.3 of the normal one, so that "
         "spinning discs are not overdamped.",
