@@ -92,12 +92,22 @@ def test_a_chains_bending_error_is_that_of_the_trapezoidal_rule(width):
 
 
 def test_one_filament_alone_is_as_coarse_as_its_bending_allows():
-    fine, coarse = (planned("carbon-37", "assembly.count=1", f"model.accuracy={a}") for a in (0.01, 0.1))
-    assert coarse.spacing > 2 * fine.spacing > 14
-    for plan, accuracy in ((fine, 0.01), (coarse, 0.1)):
+    fine, coarse = (
+        planned(
+            "carbon-37",
+            "assembly.count=1",
+            "platens.stop.displacement=3 um",
+            "model.level=chain",
+            f"model.accuracy={a}",
+        )
+        for a in (0.05, 0.4)
+    )
+    assert coarse.spacing > 2 * fine.spacing > 13
+    for plan, accuracy in ((fine, 0.05), (coarse, 0.4)):
         assert rod.chain_bending_error(plan.spacing, 700.0, width=500.0) <= 0.1 * accuracy * 1.001
+        assert plan.spacing / 500 <= 0.3 * accuracy * 1.001
     assert planned("carbon-37").spacing <= 7.0  # neighbours' beads have to meet
-    assert planned("carbon-37-full-length", "assembly.count=1").spacing <= 7.0
+    assert planned("carbon-37-full-length", "assembly.count=1", "platens.stop.displacement=3 um").spacing <= 7.0
 
 
 def test_stiff_contacts_are_softened_to_bending_as_far_as_the_overlap_allows():
@@ -160,7 +170,9 @@ def test_time_goes_with_steps_and_beads():
     cost = COSTS["chain"]
     steps = both.planned_steps - plan.planned_steps
     per_step = cost.step + cost.bead * plan.n_beads + cost.block / plan.sampling.block
-    assert both.predicted_seconds - plan.predicted_seconds == pytest.approx(steps * per_step, rel=1e-2)
+    assert both.predicted_seconds - plan.predicted_seconds == pytest.approx(
+        steps * per_step, rel=0.1
+    )  # blocks differ a little
     assert predicted_seconds("rod", 100, plan.motion, plan.sampling) > predicted_seconds(
         "chain", 100, plan.motion, plan.sampling
     )

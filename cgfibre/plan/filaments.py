@@ -24,8 +24,8 @@ DRAG = 0.05
 MAX_AXIAL_SOFTENING = 30.0
 #: largest strain that the end load may cause in softened filaments
 END_STRAIN = 2e-3
-#: part of the accuracy that the spacing of one filament alone may spend
-SPACING_SHARE = 0.1
+#: parts of the accuracy that the spacing of one filament alone may spend on bending and on the platens' length
+SPACING_SHARE, SQUEEZE_SHARE = 0.1, 0.3
 
 
 def axial_softening(scene: Scene, level: str, spacing: float, filament: FilamentType) -> Choice:
@@ -64,14 +64,15 @@ def _spacing(scene: Scene, level: str, far_field: str) -> tuple[float, Choice]:
     length = scene.assembly.length
     width = 0.0 if scene.platens.width == "full" else hi - lo
     unit = float(rod.chain_bending_error(1.0, length, width=width, clamped=scene.ends.support == "clamped"))
-    coarse = math.sqrt(SPACING_SHARE * scene.model.accuracy / unit) if level == "chain" else length / 16
-    spacing = min(max(coarse, d), length / 16 if length > 16 * d else d)
+    bending = math.sqrt(SPACING_SHARE * scene.model.accuracy / unit) if level == "chain" else math.inf
+    # between two platens it is squeezed: the beads on their edges count whole, s/w of the contact too much
+    edges = SQUEEZE_SHARE * scene.model.accuracy * (hi - lo)
+    spacing = max(d, min(bending, edges, length / 16))
     return spacing, Choice(
         "bead spacing",
         f"{spacing:.4g} um at most",
-        f"one filament has no neighbours to meet: as coarse as bending allows (error {unit * spacing**2:.1g})"
-        if level == "chain"
-        else "one filament has no neighbours to meet; rods bend exactly at any spacing",
+        "one filament has no neighbours to meet: as coarse as its bending and the platens' length in beads allow "
+        f"(errors {unit * spacing**2:.1g} and {spacing / (hi - lo):.1g})",
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from cgfibre.mechanics import rod
+from cgfibre.plan.beads import platen_span
 from cgfibre.plan.level import level_errors
 from cgfibre.plan.model import ErrorPart, Motion
 from cgfibre.plan.motion import SPEED_GAIN
@@ -44,6 +45,9 @@ def promise(
         if level == "chain" and scene.platens.width != "full" and scene.ends.support != "symmetry":
             error = float(rod.chain_bending_error(spacing, scene.assembly.length, width=width, clamped=clamped))
             parts.append(ErrorPart("bead spacing", error, f"bending of a chain with beads {spacing:.3g} um apart"))
+        if not several:
+            lo, hi = platen_span(scene)
+            parts.append(ErrorPart("platens in beads", spacing / (hi - lo), "beads on the edges count whole"))
         if several:
             parts.append(
                 ErrorPart("bumps", BUMPS * spacing / scene.filament.diameter, "beads in place of a smooth side")
