@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test validate bench lint figures clean
+.PHONY: demo test validate bench lint tables figures clean
 
 .venv/.run: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -29,6 +29,9 @@ bench: .venv/.dev
 lint: .venv/.dev
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m mypy
+
+tables: .venv/.dev
+	$(BIN)/python analysis/verification.py
 
 figures: .venv/.dev
 	$(BIN)/python analysis/readme_figures.py

@@ -66,6 +66,7 @@ _set = click.option(
 @click.option("--launcher", help='how to start it, e.g. "srun" [mpiexec]')
 @click.option("--resume", is_flag=True, help="go on with a run that was stopped")
 @click.option("--force", is_flag=True, help="overwrite an earlier run in the folder")
+@click.option("--certify", is_flag=True, help="finer runs beside it: thickness +- error at fixed pressures")
 @click.option("--quiet", is_flag=True, help="print the result alone")
 @_guarded
 def run(
@@ -78,6 +79,7 @@ def run(
     launcher: str | None,
     resume: bool,
     force: bool,
+    certify: bool,
     quiet: bool,
 ) -> None:
     """Plan, build, run, measure and plot SCENE (a TOML file or the name of a shipped scene)."""
@@ -86,7 +88,7 @@ def run(
 
     if level is not None:
         overrides = (*overrides, f"model.level={level}")
-    options = workflow.RunOptions(out or workflow.default_out(scene), ranks, engine, launcher, resume, force)
+    options = workflow.RunOptions(out or workflow.default_out(scene), ranks, engine, launcher, resume, force, certify)
     if quiet:
         result = workflow.run_scene(scene, options, overrides)
     else:
@@ -142,6 +144,86 @@ def measure(folder: Path) -> None:
     print_result(result)
     if not result.trusted:
         sys.exit(EXIT_DISTRUSTED)
+
+
+@main.command()
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("results/stability"),
+    show_default=True,
+    help="folder of the maps",
+)
+@click.option("--map", "maps", multiple=True, metavar="NAME", help="this map alone (may be repeated)")
+@click.option("--list", "listed", is_flag=True, help="list the maps")
+@click.option("--force", is_flag=True, help="measure again what the folder holds")
+@_guarded
+def stability(out: Path, maps: tuple[str, ...], listed: bool, force: bool) -> None:
+    """Maps of where each method fails, beside closed forms; goes on where an earlier call stopped."""
+    from cgfibre import stability as module
+
+    if listed:
+        for chart in module.find_maps(maps):
+            click.echo(f"{chart.name:22s} {chart.title}")
+        return
+    from cgfibre.report import MapProgress, print_limits
+
+    with MapProgress() as progress:
+        findings = module.find_limits(out, maps, force, progress.update)
+    print_limits(findings, out)
+
+
+@main.command()
+@_scene
+@click.option("--out", type=click.Path(path_type=Path), help="folder of the chart [results/chart-NAME]")
+@_set
+@click.option("--seeds", type=int, default=3, show_default=True, help="jittered starts a variant")
+@click.option(
+    "--reference-seeds",
+    type=int,
+    default=1,
+    show_default=True,
+    help="and of the costliest: the reference, and what takes over a quarter of its time",
+)
+@click.option("--reference-accuracy", type=float, default=0.0125, show_default=True, help="sets its platen speed")
+@click.option("--only", metavar="NAME,...", help="these variants alone, beside the planner's choice and the reference")
+@click.option("--compare", multiple=True, metavar="[LABEL=]PATH",
+              help="draw a run made elsewhere (its folder), or points of a CSV with label,cpu_s,error")  # fmt: skip
+@click.option("--goal", type=float, default=0.05, show_default=True, help="error aimed at")
+@click.option("--jobs", type=int, default=1, show_default=True, help="runs at a time, at most the cores")
+@click.option("--force", is_flag=True, help="begin anew; else a chart that was stopped goes on")
+@_guarded
+def chart(
+    scene: str,
+    out: Path | None,
+    overrides: tuple[str, ...],
+    seeds: int,
+    reference_seeds: int,
+    reference_accuracy: float,
+    only: str | None,
+    compare: tuple[str, ...],
+    goal: float,
+    jobs: int,
+    force: bool,
+) -> None:
+    """Chart accuracy against speed: SCENE at every level and spacing it allows, against the finest of them."""
+    from cgfibre import chart as charts
+    from cgfibre.report import ChartProgress, print_chart
+
+    options = charts.ChartOptions(
+        out or charts.default_out(scene),
+        seeds,
+        reference_seeds,
+        reference_accuracy,
+        jobs,
+        force,
+        tuple(only.split(",")) if only else (),
+        compare,
+        goal,
+    )
+    with ChartProgress() as progress:
+        found = charts.chart_scene(scene, options, overrides, progress.update)
+    print_chart(found)
 
 
 @main.command()

@@ -76,6 +76,15 @@ MATERIALS: dict[str, Material] = {
             source="W. D. Callister and D. G. Rethwisch, Materials Science and Engineering, 8th ed., Tables B.1 to B.3"
             " (isotropic); diameter of an EC9 weaving yarn (ISO 2078)",
         ),
+        _isotropic(
+            name="steel wire",
+            diameter=100.0,
+            young=207e6,
+            poisson=0.30,
+            density=7.85,
+            source="W. D. Callister and D. G. Rethwisch, Materials Science and Engineering, 8th ed., Tables B.1 to B.3"
+            " (plain carbon steel, isotropic); diameter of a fine spring wire (EN 10270-1 has 0.05 mm and more)",
+        ),
         Material(
             name="E-glass yarn",
             diameter=300.0,

@@ -104,23 +104,34 @@ def _save(figure: Any, path: Path) -> Path:
 
 
 def _title(scene: Scene, summary: dict[str, Any]) -> str:
-    error = summary.get("speed_error")
+    error, certified = summary.get("speed_error"), _certified(summary)
     name = scene.name or "scene"
+    if certified is not None:
+        return f"{name}: force within {certified:.1%} (certificate, mean)"
     return name if error is None else f"{name}: force within {error:.1%} on halving the platen speed (mean)"
+
+
+def _certified(summary: dict[str, Any]) -> float | None:
+    """Relative error of the force that the certificate states."""
+    return (summary.get("certificate") or {}).get("force_error_mean")
 
 
 def _curve(out: Path, scene: Scene, curve: Curve, summary: dict[str, Any]) -> Path:
     ax = plot.new_axes()
-    plot.plot_curve(ax, curve, plot.CurveView(speed_error=summary.get("speed_error")))
+    plot.plot_curve(ax, curve, plot.CurveView(speed_error=summary.get("speed_error"), certified=_certified(summary)))
     ax.set_title(_title(scene, summary))
     return _save(ax.figure, out / "curve.png")
 
 
 def _pressure(out: Path, scene: Scene, curve: Curve, summary: dict[str, Any]) -> Path:
     ax = plot.new_axes()
-    plot.plot_curve(
-        ax, curve, plot.CurveView(x="thickness", y="pressure", log=True, speed_error=summary.get("speed_error"))
-    )
+    certificate, error = summary.get("certificate"), summary.get("speed_error")
+    # the certificate's error is that of the thickness here
+    view = plot.CurveView(x="thickness", y="pressure", log=True, speed_error=None if certificate else error)
+    plot.plot_curve(ax, curve, view)
+    if certificate:
+        columns = (np.array(certificate[key], dtype=float) for key in ("thickness_um", "pressure_MPa", "error_um"))
+        plot.plot_thickness_errors(ax, *columns)
     ax.set_title(_title(scene, summary))
     return _save(ax.figure, out / "pressure.png")
 

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from cgfibre.cases.limits import LimitMap
+from cgfibre.chart import COMPARED, Chart, Row
 from cgfibre.pictures import PICTURES
 from cgfibre.plan.model import Plan
 from cgfibre.scene import Scene
+from cgfibre.stability import CSV_NAME, Finding
 from cgfibre.workflow import RunResult
 
 
@@ -18,12 +25,21 @@ def _seconds(t: float) -> str:
     return f"{t:.0f} s" if t < 100 else f"{t / 60:.0f} min" if t < 6000 else f"{t / 3600:.1f} h"
 
 
+def _promise_against(scene: Scene, plan: Plan) -> str:
+    asked = scene.model.accuracy
+    if plan.promised_error <= asked:
+        return f"mean over the quasi-static loading; {asked:.0%} was asked for"
+    worst = max(plan.promise, key=lambda part: part.value)
+    return f"mean over the quasi-static loading; more than the {asked:.0%} asked for, most of it from {worst.what}"
+
+
 def print_plan(scene: Scene, plan: Plan, brief: bool = False) -> None:
     """The plan as tables; ``brief``: one line."""
     console = Console()
     line = (
         f"{scene.name or 'scene'}: {plan.n_filaments} filaments, level {plan.level}, {plan.n_beads} beads, "
-        f"{plan.planned_steps} steps of {plan.timestep:.3g} us, about {_seconds(plan.predicted_seconds)} on one core"
+        f"{plan.planned_steps} steps of {plan.timestep:.3g} us, about {_seconds(plan.predicted_seconds)} on one core, "
+        f"force within {plan.promised_error:.1%}"
     )
     console.print(line, highlight=False)
     if brief:
@@ -35,6 +51,11 @@ def print_plan(scene: Scene, plan: Plan, brief: bool = False) -> None:
     for o in plan.omissions:
         left.add_row(o.what, o.reason, o.error)
     console.print(chosen, left)
+    parts = Table("error", "of the force", "because", title="What is promised", title_justify="left")
+    for part in plan.promise:
+        parts.add_row(part.what, f"{part.value:.1%}", part.reason)
+    parts.add_row("sum", f"{plan.promised_error:.1%}", _promise_against(scene, plan))
+    console.print(parts)
 
 
 class RunProgress:
@@ -84,6 +105,34 @@ class RunProgress:
         self._progress.console.print(text, highlight=False)
 
 
+def certificate_lines(found: Mapping[str, Any] | None) -> list[str]:
+    """ "thickness at 0.1 MPa: 47.3 +- 0.4 um (speed 0.2, spacing 0.2)", one line a pressure; the force's error last."""
+    if not found:
+        return []
+    lines = []
+    for k, (p, t, error) in enumerate(
+        zip(found["pressure_MPa"], found["thickness_um"], found["error_um"], strict=True)
+    ):
+        digits = _decimals(error)
+        parts = ", ".join(f"{name} {part['error_um'][k]:.{digits}f}" for name, part in found["parts"].items())
+        lines.append(
+            f"thickness at {p:.3g} MPa: {t:.{digits}f} +- {error:.{digits}f} um ({parts})"
+            + ("" if found["quasi_static"][k] else ", before the run is quasi-static")
+        )
+    mean, worst = found["force_error_mean"], found["force_error_worst"]
+    if mean is not None:
+        lines.append(
+            f"force at a displacement: +- {mean:.1%} on average from {found['from_um']:.2g} um on, {worst:.0%} at "
+            "worst (errors of the numbers; what the level leaves out: cgfibre plan)"
+        )
+    return lines
+
+
+def _decimals(error: float) -> int:
+    """Decimals that show two figures of an error, from none to four."""
+    return min(4, max(0, 1 - math.floor(math.log10(error)))) if error > 0 else 4
+
+
 def print_result(result: RunResult) -> None:
     """Where the files lie, the main numbers, and what not to trust."""
     console = Console(soft_wrap=True)
@@ -101,6 +150,8 @@ def print_result(result: RunResult) -> None:
             f"{s['speed_error_worst']:.0%} at worst",
             highlight=False,
         )
+    for line in certificate_lines(s.get("certificate")):
+        console.print(line, highlight=False)
     fit = s["fits"].get("power_law")
     if fit:
         console.print(
@@ -114,3 +165,116 @@ def print_result(result: RunResult) -> None:
     console.print(f"curve    {result.out / 'curve.csv'}\nresults  {result.out / 'results.h5'}", highlight=False)
     for warning in s["warnings"]:
         console.print(f"WARNING  {warning}", highlight=False)
+
+
+class MapProgress:
+    """Progress of the stability maps: which map, points so far; a context manager."""
+
+    def __init__(self) -> None:
+        self._progress = Progress(
+            TextColumn("[bold]{task.description}"),
+            BarColumn(),
+            TextColumn("map {task.completed} of {task.total}"),
+            TextColumn("{task.fields[points]}"),
+            TimeElapsedColumn(),
+            console=Console(stderr=True),
+            refresh_per_second=4,
+        )
+        self._task: TaskID | None = None
+
+    def __enter__(self) -> MapProgress:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._task is not None:
+            self._progress.stop()
+
+    def update(self, chart: LimitMap, number: int, of: int, points: int) -> None:
+        """Show a state; the signature of :data:`cgfibre.stability.Progress`."""
+        if self._task is None:
+            self._progress.start()
+            self._task = self._progress.add_task(chart.title, total=of, points="")
+        self._progress.update(
+            self._task, description=chart.title, completed=number, total=of, points=f"{points} points"
+        )
+
+
+def print_limits(findings: Sequence[Finding], out: Path) -> None:
+    """Every map in a line: points, how far from the closed form at worst, the step used, processor time."""
+    table = Table("map", "points", "off the closed form", "step used / limit", "CPU", title_justify="left")
+    for f in findings:
+        off = "" if f.worst != f.worst else f"{f.worst:.1%}" if f.worst < 10 else f"{f.worst:.1e} times"
+        used = "" if f.step_used != f.step_used else f"{f.step_used:.2f}"
+        table.add_row(f.map.name, str(len(f.points)), off, used, f"{f.cpu:.1f} s")
+    console = Console()
+    console.print(table)
+    console.print(f"table    {out / CSV_NAME}\npictures {out / 'stability-*.png'}", highlight=False, soft_wrap=True)
+
+
+class ChartProgress:
+    """Progress of a chart by predicted seconds of its runs; a context manager."""
+
+    def __init__(self) -> None:
+        self._progress = Progress(
+            TextColumn("[bold]charting"),
+            BarColumn(),
+            TextColumn("{task.percentage:3.0f} %"),
+            TextColumn("{task.fields[state]}"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=Console(stderr=True),
+            refresh_per_second=4,
+        )
+        self._task: TaskID | None = None
+
+    def __enter__(self) -> ChartProgress:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._progress.stop()
+
+    def update(self, done: float, total: float, last: str) -> None:
+        """Show a state; the signature of :data:`cgfibre.chart.Progress`."""
+        if self._task is None:  # at the first sign of a run: wrong input is answered by its one line alone
+            self._progress.start()
+            self._task = self._progress.add_task("", total=total, state=last)
+        self._progress.update(self._task, completed=done, total=total, state=last)
+
+
+def print_chart(chart: Chart) -> None:
+    """The table of a chart, what was left out, and the cheapest variant within the error aimed at."""
+    console = Console(soft_wrap=True, width=max(Console().width, 110))
+    table = Table(title_justify="left")
+    table.title = f"{chart.scene}: error of the force against the reference, mean from {chart.start:.2g} um on"
+    for name in ("variant", "CPU s", "mean", *(f"{d:.3g} um" for d in chart.displacements), ""):
+        table.add_column(name, no_wrap=True, justify="left" if name in ("variant", "") else "right")
+    for r in sorted(chart.rows, key=lambda r: r.cpu):
+        spread = f" ± {50 * (r.error_range[1] - r.error_range[0]):.1f}" if r.starts > 1 else ""
+        errors = [f"{100 * r.error:.1f}{spread} %", *("" if math.isnan(e) else f"{e:+.1%}" for e in r.force_errors)]
+        if r.reference:
+            errors = ["reference"]
+        table.add_row(
+            r.name, f"{r.cpu:.3g}", *errors, *("" for _ in chart.displacements[len(errors) - 1 :]), _remarks(r)
+        )
+    console.print(table)
+    for name, reason in chart.left_out:
+        console.print(f"left out {name}: {reason}", highlight=False)
+    best = chart.cheapest
+    if best is None:
+        console.print(f"no variant errs by {chart.goal:.0%} or less", highlight=False)
+    else:
+        console.print(f"cheapest within {chart.goal:.0%}: {best.name}, {best.cpu:.3g} s", highlight=False)
+        for r in chart.rows:
+            if r.level == COMPARED:
+                console.print(f"  {r.name} took {r.cpu:.3g} s, {r.cpu / best.cpu:.2g} times as long", highlight=False)
+    console.print(f"picture  {chart.out / 'chart.png'}\ntable    {chart.out / 'chart.csv'}", highlight=False)
+
+
+def _remarks(row: Row) -> str:
+    words = (("planner", row.planner), ("front", row.front), ("distrusted", not row.trusted))
+    return ", ".join(word for word, true in words if true)

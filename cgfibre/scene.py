@@ -154,6 +154,7 @@ AutoLength = Annotated[float | Literal["auto"], Value("um", words=("auto",), abo
 FullLength = Annotated[float | Literal["full"], Value("um", words=("full",), above=0.0, most=1e7)]
 AutoSpeed = Annotated[float | Literal["auto"], Value("um/us", words=("auto",), above=0.0, most=1e3)]
 AutoTime = Annotated[float | Literal["auto"], Value("us", words=("auto",), above=0.0)]
+AutoSteps = Annotated[int | Literal["auto"], Value(words=("auto",), whole=True, least=1000, most=10**9)]
 AutoFactor = Annotated[float | Literal["auto"], Value(words=("auto",), least=1.0, most=1e6)]
 
 PoissonRatio = Annotated[float, Value(least=0.0, most=0.5)]
@@ -392,7 +393,10 @@ class Contact(_Table):
 
 
 class Model(_Table):
-    """``[model]``: how it is computed. ``depth``, ``spring`` and ``torsional_spring`` belong to the section level."""
+    """``[model]``: how it is computed. ``depth``, ``spring`` and ``torsional_spring`` belong to the section level.
+
+    ``most_steps`` of loading bound what an automatic platen speed may cost, whatever accuracy asks for.
+    """
 
     level: Literal["auto", "chain", "rod", "section"] = "auto"
     spacing: AutoLength = "auto"
@@ -402,6 +406,7 @@ class Model(_Table):
     axial_softening: AutoFactor = "auto"
     torsion: Literal["none", "dihedral"] = "none"
     timestep: AutoTime = "auto"
+    most_steps: AutoSteps = "auto"
     speed_check: bool = False
     depth: AutoLength = "auto"
     spring: Literal["exact", "thesis"] = "exact"
@@ -644,8 +649,12 @@ def _check_section(scene: Scene) -> None:
         raise _refusal("platens.shape", scene.platens.shape, f"'flat': {none_along}")
     if scene.model.far_field in ("graded", "condensed"):
         raise _refusal("model.far_field", scene.model.far_field, f"'auto' or 'none': {none_along}")
-    if scene.ends.support != "simply-supported":
-        expected = "'simply-supported' with level = 'section': its springs are those of such filaments"
+    periodic = scene.ends.support == "symmetry" and scene.platens.width == "full"
+    if scene.ends.support != "simply-supported" and not periodic:
+        expected = (
+            "'simply-supported' with level = 'section' (its springs are those of such filaments), or 'symmetry' with "
+            "platens.width = 'full'"
+        )
         raise _refusal("ends.support", scene.ends.support, expected)
     if scene.contact.law == "hertz":
         expected = "'auto' or 'hooke' with level = 'section': parallel filaments touch along lines, hertz is for points"

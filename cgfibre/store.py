@@ -15,7 +15,7 @@ from __future__ import annotations
 import csv
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -255,6 +255,99 @@ def write_curve(path: Path, curve: Curve) -> None:
         columns = [curve[name] for name in CURVE_COLUMNS]
         for row in zip(*columns, strict=True):
             writer.writerow([int(row[0]), *(f"{x:.10g}" for x in row[1:])])
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with a name, notes in words, and columns of equal length: name -> (values, units); texts have "text"."""
+
+    name: str
+    notes: Mapping[str, str]
+    columns: Mapping[str, tuple[np.ndarray, str]]
+
+
+def write_tables(path: Path, tables: Iterable[Table]) -> None:
+    """An HDF5 file with a group a table, its notes as attributes; in place at once."""
+    with _replacing(path) as part, h5py.File(part, "w") as f:
+        f.attrs["cgfibre_schema"] = SCHEMA
+        for table in tables:
+            group = f.create_group(table.name)
+            for name, note in table.notes.items():
+                group.attrs[name] = note
+            for name, (values, units) in table.columns.items():
+                _put(group, name, [str(v) for v in values] if units == "text" else values, units)
+
+
+def read_tables(path: Path) -> list[Table]:
+    """Tables of an HDF5 file; StoreError when it is missing, damaged or of another schema."""
+    with _opened(path) as f:
+        return [
+            Table(
+                name,
+                {key: str(note) for key, note in group.attrs.items()},
+                {
+                    key: (d.asstr()[()] if d.attrs["units"] == "text" else d[()], str(d.attrs["units"]))
+                    for key, d in group.items()
+                },
+            )
+            for name, group in f.items()
+        ]
+
+
+def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """A CSV file of texts and numbers, in place at once; numbers to 10 digits, nan as an empty cell."""
+    with _replacing(path) as part, part.open("w", newline="") as f:
+        writer = csv.writer(f)
+        writer.writerow(header)
+        for row in rows:
+            writer.writerow([("" if np.isnan(v) else f"{v:.10g}") if isinstance(v, float) else v for v in row])
+
+
+def read_curve(path: Path) -> Curve:
+    """The curve of a curve.csv, also one that another version wrote; its widths are not there (nan).
+
+    The phase is told from the displacement. Raises OSError, and ValueError for a table that lacks a column.
+    """
+    with path.open(newline="") as f:
+        rows = list(csv.DictReader(f))
+    try:
+        columns = {name: np.array([float(row[name]) for row in rows]) for name in CURVE_COLUMNS}
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"{path.name} lacks the column {error}") from None
+    if len(rows) < 2:
+        raise ValueError(f"{path.name} has no rows")
+    change = np.sign(np.diff(columns["displacement_um"], prepend=0.0))
+    phase = np.select([change > 0, change < 0], [0, 2], 1)
+    phase[0] = 0
+    return Curve(columns, phase, np.full(len(rows), np.nan))
+
+
+def read_points(path: Path) -> list[tuple[str, float, float]]:
+    """(label, cpu_s, error) of every row of a small CSV with these columns; OSError, KeyError or ValueError if not."""
+    with path.open(newline="") as f:
+        return [(row["label"], float(row["cpu_s"]), float(row["error"])) for row in csv.DictReader(f)]
+
+
+def write_table(path: Path, columns: Mapping[str, tuple[Sequence[Any], str]]) -> None:
+    """A CSV of columns (values, units), units left to their names; numbers that are not finite stay empty."""
+    with _replacing(path) as part, part.open("w", newline="") as f:
+        writer = csv.writer(f)
+        writer.writerow(columns)
+        for row in zip(*(values for values, _ in columns.values()), strict=True):
+            writer.writerow([f"{x:.6g}" if isinstance(x, float) and np.isfinite(x) else _cell(x) for x in row])
+
+
+def _cell(value: Any) -> Any:
+    return "" if isinstance(value, float) else value
+
+
+def write_table_h5(path: Path, name: str, columns: Mapping[str, tuple[Sequence[Any], str]]) -> None:
+    """An HDF5 file with the group ``name``: one dataset a column (values, units), with the attribute ``units``."""
+    with _replacing(path) as part, h5py.File(part, "w") as f:
+        f.attrs["cgfibre_schema"] = SCHEMA
+        group = f.create_group(name)
+        for column, (values, units) in columns.items():
+            _put(group, column, np.array(values, dtype=h5py.string_dtype() if units == "text" else None), units)
 
 
 def write_json(path: Path, values: Mapping[str, Any]) -> None:

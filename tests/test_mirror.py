@@ -38,20 +38,22 @@ def pressed(folder, symmetry, ends):
 
 @pytest.mark.parametrize("ends", ["simply-supported", "clamped"])
 def test_half_a_filament_bends_as_all_of_it(tmp_path, ends):
-    """Force, stored energy and shape. The hinges of both halves are those of the whole: equal but for the far held
-    bead (0.1 um in 0.2 m) and for the end that pulls (the whole slides to the left, 1e-5 of the force)."""
+    """Force, stored energy and shape: equal but for the held bead (2e-4) and the spacing (chain_bending_error differs
+    by 2e-4, clamped 1e-3)."""
     whole_plan, _, whole, frames = pressed(tmp_path / "whole", "none", ends)
     plan, half_system, half, mirrored = pressed(tmp_path / "half", "half", ends)
     assert plan.beads.support == "symmetric" and len(plan.beads.stations) % 2 == 0
     assert plan.n_beads == moved_beads(half_system, plan) < whole_plan.n_beads
-    np.testing.assert_allclose(half["force_top_N"][-1], whole["force_top_N"][-1], rtol=2e-3)
+    np.testing.assert_allclose(
+        half["force_top_N"][-1], whole["force_top_N"][-1], rtol=5e-4 if ends == "simply-supported" else 2e-3
+    )
     np.testing.assert_allclose(half["stored_J"][-1], whole["stored_J"][-1], rtol=5e-3)
     # the same stations but for one segment more: compare shapes
     at = np.linspace(10.0, L - 10.0, 50)
     for positions in (frames.positions[-1], mirrored.positions[-1]):
         assert np.all(np.isfinite(positions))
     shapes = [np.interp(at, f.positions[-1][:, 0], f.positions[-1][:, 2]) for f in (frames, mirrored)]
-    np.testing.assert_allclose(shapes[0], shapes[1], atol=2e-3 * 0.1)
+    np.testing.assert_allclose(shapes[0], shapes[1], atol=3e-4)  # of 0.15 um: straight lines between stations
     assert mirrored.positions.shape[1] == half_system.n_beads
 
 

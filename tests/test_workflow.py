@@ -14,6 +14,7 @@ import pytest
 from conftest import cgfibre_command, cgfibre_environment
 
 from cgfibre import store, workflow
+from cgfibre.engine import job
 from cgfibre.engine.dump import read_record, read_states
 from cgfibre.engine.lammps import find_engine, run_deck
 from cgfibre.errors import EngineError, InputError
@@ -591,7 +592,7 @@ def test_killed_while_the_deck_was_written(bench, finished, left):
 
 def test_killed_while_the_data_file_was_written(bench, finished, monkeypatch):
     """What is there must not be taken for the whole."""
-    write = workflow.write_data
+    write = job.write_data
 
     def half(path, data):
         write(path, data)
@@ -599,7 +600,7 @@ def test_killed_while_the_data_file_was_written(bench, finished, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as m:
-        m.setattr(workflow, "write_data", half)
+        m.setattr(job, "write_data", half)
         with pytest.raises(KeyboardInterrupt):
             bench.run("cut")
     resumed = workflow.run_scene(bench.scene, workflow.RunOptions(bench.folder / "cut", resume=True))

@@ -6,6 +6,7 @@ import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,8 @@ def scene(changes: Mapping[str, object]) -> Scene:
     model = data.setdefault("model", {})
     if model.get("level") != "section":  # commands of experiments speak of both ends
         model.setdefault("symmetry", "none")
+        if "spacing" not in model:
+            model["spacing"] = f"{scene_from_dict(data).filament.diameter} um"
     return scene_from_dict(data)
 
 
@@ -80,17 +83,25 @@ class Outcome:
 
 
 def run(
-    folder: Path,
-    system: FilamentSystem,
-    plan: Plan,
-    commands: Sequence[str] = (),
-    **variables: float | str,
+    folder: Path, system: FilamentSystem, plan: Plan, commands: Sequence[str] = (), **variables: float | str
 ) -> Outcome:
     """Write the deck of the plan's level and run it; ``commands`` go before its phases, as a user may add them.
 
     ``variables`` go to the deck as ``-var``; they may be where the method fails (the deck's checks are off, unless
     ``unsafe`` is 0). Raises EngineError when the engine stops.
     """
+    return run_on(1, folder, system, plan, commands, variables)
+
+
+def run_on(
+    ranks: int,
+    folder: Path,
+    system: FilamentSystem,
+    plan: Plan,
+    commands: Sequence[str] = (),
+    variables: Mapping[str, float | str] = MappingProxyType({}),
+) -> Outcome:
+    """:func:`run` on a number of MPI ranks."""
     deck = assemble(system, plan)
     write_deck(folder, deck.name, deck.parameters, "cgfibre experiment")
     write_data(folder / "system.data", deck.data)
@@ -102,7 +113,7 @@ def run(
         raise ValueError(f"{deck.name} has no line of its own for the phases")
     (folder / deck.name).write_text(text.replace(last, "\n".join([*commands, last])))
     given = {"unsafe": "1"} | {k: str(v) for k, v in variables.items()}
-    spent = run_deck(find_engine(), folder, deck.name, 1, given)
+    spent = run_deck(find_engine(), folder, deck.name, ranks, given)
     return Outcome(folder, read_record(folder), spent)
 
 

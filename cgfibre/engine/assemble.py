@@ -17,7 +17,7 @@ from cgfibre.plan.contact import TANGENTIAL_DAMPING
 from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, ROD_DAMPING, Contact, Plan
 
 ROLES = 5
-NEAR = 0.15  # of D: beads this near to a platen are given to its wall for a block of steps
+NEAR = 0.5  # of D: beads this near to a platen are given to its wall for a block of steps
 GHOST_SPACINGS = 2.5  # bead spacings that ghost beads must reach at least: rods of two ranks are wrong below 2
 EDGE = 1e-3  # um: a bead that stands on a platen's edge counts as under it
 #: smallest rest bend at which angle harmonic is safe: below 1 mrad it is silently wrong (lammps-findings)
@@ -81,7 +81,7 @@ def _density(mass: FloatArray, diameter: FloatArray) -> FloatArray:
     return mass / (math.pi / 6 * diameter**3)
 
 
-MAX_BINS = 3e6
+MAX_BINS = 3e5
 
 
 def _bin_size(system: FilamentSystem) -> float:
@@ -345,6 +345,7 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
     kind = system.types[0]
     bonds, angles = system.bonds(), system.angles()
     lengths, vectors = system.bond_lengths(), system.bond_vectors()
+    _check_upright(vectors)
     strain = _strain(system, plan)
     natural = _natural_positions(system, vectors / (1 + strain)[:, None])
     positions, molecule = system.positions, system.filament_of_bead + 1
@@ -437,6 +438,18 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         "bond_masses.txt": lighter[first_row],
     }
     return Deck("in.rod", parameters, data, tables)
+
+
+def _check_upright(vectors: FloatArray) -> None:
+    """Refuse bonds exactly along +z: bpm bonds have neither torsion nor bending there (tilted by 1e-10 they have)."""
+    upright = np.hypot(vectors[:, 0], vectors[:, 1]) < 1e-12 * vectors[:, 2]
+    if np.any(upright):
+        raise InputError(
+            "model.level",
+            "rod",
+            f"no segment exactly along +z (here {int(np.sum(upright))}): the engine's rods lose their torsion there; "
+            "lay the filaments along x, number their beads downwards or tilt them by 1e-9",
+        )
 
 
 def _natural_positions(system: FilamentSystem, vectors: FloatArray) -> FloatArray:

@@ -56,13 +56,6 @@ def _bound(pair: float, wall: float, ratio: float, inertia: float) -> float:
     return six + max(0.0, wall * max(1.0, ratio * (1 + 0.25 / inertia)) - six / 6)
 
 
-def line_contacts(scene: Scene) -> tuple[LineContact, LineContact]:
-    """Line contact of two filaments of the scene, and of one on a rigid platen."""
-    f = scene.filament
-    r = f.diameter / 2
-    return LineContact.between(r, r, f.E2, f.nu23, f.E2, f.nu23), LineContact.on_rigid_plane(r, f.E2, f.nu23)
-
-
 def _check_line_load(scene: Scene, *contacts: LineContact) -> None:
     """Refuse a load at which a contact would be as wide as the filament (half width b above R): no line contact."""
     load, radius = scene.contact.line_load, scene.filament.diameter / 2
@@ -76,6 +69,16 @@ def _check_line_load(scene: Scene, *contacts: LineContact) -> None:
         )
 
 
+def line_contacts(scene: Scene) -> tuple[LineContact, LineContact]:
+    """Line contact of two filaments of the scene, and of one on a rigid platen; InputError for a load beyond them."""
+    f = scene.filament
+    r = f.diameter / 2
+    pair = LineContact.between(r, r, f.E2, f.nu23, f.E2, f.nu23)
+    platen = LineContact.on_rigid_plane(r, f.E2, f.nu23)
+    _check_line_load(scene, pair, platen)
+    return pair, platen
+
+
 def plan_contact(scene: Scene, law: str, length: float, mass: float, softening: float) -> ContactPlan:
     """Constants of a bead of ``mass`` pg that stands for ``length`` um of contact line.
 
@@ -83,7 +86,6 @@ def plan_contact(scene: Scene, law: str, length: float, mass: float, softening: 
     cylinders, kn in the engine's own form; its tangent at the overlap limit bounds the time step.
     """
     between, on_platen = line_contacts(scene)
-    _check_line_load(scene, between, on_platen)
     load, zeta = scene.contact.line_load, scene.contact.damping_ratio
     line = float(between.secant_stiffness(load))
     wall = float(on_platen.secant_stiffness(load)) * length / softening

@@ -36,6 +36,16 @@ class Omission:
 
 
 @dataclass(frozen=True)
+class ErrorPart:
+    """A part of the promised error: what causes it, its share of the force (mean over the quasi-static part of
+    loading), and what that is based on."""
+
+    what: str
+    value: float
+    reason: str
+
+
+@dataclass(frozen=True)
 class Beads:
     """Where the beads of every filament stand along x and what they are.
 
@@ -98,7 +108,8 @@ class Motion:
 
     v(d) = first (1 + d/growth) until ``last``; unloading runs the same film backwards. At speed v forces above
     ``quasi_static_impedance`` (nN us/um) times v are within the accuracy asked for. ``fastest`` is the highest speed,
-    at the stop, that a bundle bending between its supports allows (inf where other forces count).
+    at the stop, that a bundle bending between its supports allows (inf where other forces count). ``pace`` is the mean
+    over displacements of the speed over what the accuracy allows, nan where no bound is known.
     """
 
     first: float
@@ -112,6 +123,7 @@ class Motion:
     planned_displacement: float
     quasi_static_impedance: float
     fastest: float
+    pace: float = math.nan
 
     def quasi_static_force(self, displacement: FloatArray) -> FloatArray:
         """Force at each displacement from which on the motion is quasi-static, nN."""
@@ -162,9 +174,15 @@ class Plan:
     predicted_seconds: float
     choices: tuple[Choice, ...]
     omissions: tuple[Omission, ...]
+    promise: tuple[ErrorPart, ...] = ()
     free_span: float = math.inf
     depth: float = 0.0
     springs: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def promised_error(self) -> float:
+        """Sum of the parts of the error: mean relative error of the loading force."""
+        return sum(part.value for part in self.promise)
 
     @property
     def planned_steps(self) -> int:

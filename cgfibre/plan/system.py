@@ -9,8 +9,8 @@ import numpy as np
 from cgfibre.build.bundle import BundleSpec, build_bundle, build_section
 from cgfibre.build.curves import MigrationSpec
 from cgfibre.build.system import FilamentSystem
-from cgfibre.plan.make import arrangement_spec, scene_filament
 from cgfibre.plan.model import Plan
+from cgfibre.plan.outline import arrangement_spec, scene_filament
 from cgfibre.scene import Scene
 
 

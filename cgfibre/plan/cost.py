@@ -1,0 +1,32 @@
+"""How long a plan takes: engine seconds on one core, from constants measured on the machine named below."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cgfibre.plan.model import Motion, Sampling
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Seconds of a level: ``step`` a step however few the beads, ``bead`` a bead and step, ``block`` a block."""
+
+    step: float
+    bead: float
+    block: float
+
+
+#: fitted to the runs of analysis/planner_scenes.py on one core of an AMD EPYC (2 cores, 2026), wheel 2025.7.22.4
+COSTS = {
+    "chain": Cost(step=8e-6, bead=4.3e-8, block=2e-3),
+    "rod": Cost(step=8e-6, bead=2.8e-7, block=4e-3),
+    "section": Cost(step=8e-6, bead=2e-7, block=1e-3),
+}
+START = 0.3  # seconds to start the engine and read the assembly
+
+
+def predicted_seconds(level: str, n_beads: int, motion: Motion, sampling: Sampling) -> float:
+    """Engine seconds on one core; a stop by force or pressure comes earlier."""
+    cost = COSTS[level]
+    steps = motion.load_steps * (2 if motion.unload else 1) + motion.hold_steps
+    return START + (cost.step + cost.bead * n_beads + cost.block / sampling.block) * steps

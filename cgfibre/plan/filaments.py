@@ -1,0 +1,198 @@
+"""Planner of the levels chain and rod: filaments as beads along x."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cgfibre.build.system import FilamentType
+from cgfibre.mechanics import rod
+from cgfibre.plan.beads import choose_far_field, choose_symmetry, fine_zone, finish_beads, lay_beads, platen_span
+from cgfibre.plan.common import checked_step, common_omissions, friction, platens
+from cgfibre.plan.contact import OVERLAP_LIMIT, line_contacts, plan_contact
+from cgfibre.plan.cost import predicted_seconds
+from cgfibre.plan.level import nothing_varies
+from cgfibre.plan.model import CONTACT, Choice, Omission, Plan
+from cgfibre.plan.motion import Bodies, depths_below_top, loose, plan_motion
+from cgfibre.plan.outline import Outline
+from cgfibre.plan.promise import promise
+from cgfibre.scene import Scene
+
+#: background drag rate over the lowest natural frequency; 1.0 raised the force of carbon-37 by 12 %
+DRAG = 0.05
+MAX_AXIAL_SOFTENING = 30.0
+#: largest strain that the end load may cause in softened filaments
+END_STRAIN = 2e-3
+#: part of the accuracy that the spacing of one filament alone may spend
+SPACING_SHARE = 0.1
+
+
+def axial_softening(scene: Scene, level: str, spacing: float, filament: FilamentType) -> Choice:
+    """EA may be softened until stretching is no stiffer than bending: that is what the step would wait for."""
+    asked = scene.model.axial_softening
+    if asked != "auto":
+        return Choice("axial softening", f"{asked:g}", "as asked in the scene")
+    if level != "chain":
+        return Choice("axial softening", "1", "bending and twist of the beads limit the step as much as stretching")
+    # axial 4 EA/(s m) against bending 16 EI/(s^3 m)
+    balance = filament.EA * spacing**2 / (4 * filament.EI)
+    strain = scene.ends.tension / filament.EA
+    cap = MAX_AXIAL_SOFTENING if strain == 0 else min(MAX_AXIAL_SOFTENING, END_STRAIN / strain)
+    value = max(1.0, min(balance, cap))
+    return Choice(
+        "axial softening",
+        f"{value:.4g}",
+        f"stretching as stiff as bending: a longer step; the end load strains the filament {value * strain:.2g}",
+    )
+
+
+def _spacing(scene: Scene, level: str, far_field: str) -> tuple[float, Choice]:
+    """Bead spacing, um: one diameter, so that beads of neighbours meet; what bending allows for one filament alone."""
+    asked, d = scene.model.spacing, scene.filament.diameter
+    if asked != "auto":
+        return float(asked), Choice("bead spacing", f"{float(asked):.4g} um at most", "as asked in the scene")
+    if scene.assembly.count > 1 or far_field != "none":
+        return d, Choice(
+            "bead spacing",
+            f"{d:.4g} um at most",
+            "one diameter: the largest at which beads of neighbouring filaments always meet"
+            if scene.assembly.count > 1
+            else "one diameter in the fine zone; the far field is coarse",
+        )
+    lo, hi = platen_span(scene)
+    length = scene.assembly.length
+    width = 0.0 if scene.platens.width == "full" else hi - lo
+    unit = float(rod.chain_bending_error(1.0, length, width=width, clamped=scene.ends.support == "clamped"))
+    coarse = math.sqrt(SPACING_SHARE * scene.model.accuracy / unit) if level == "chain" else length / 16
+    spacing = min(max(coarse, d), length / 16 if length > 16 * d else d)
+    return spacing, Choice(
+        "bead spacing",
+        f"{spacing:.4g} um at most",
+        f"one filament has no neighbours to meet: as coarse as bending allows (error {unit * spacing**2:.1g})"
+        if level == "chain"
+        else "one filament has no neighbours to meet; rods bend exactly at any spacing",
+    )
+
+
+def contact_softening(scene: Scene, filament: FilamentType, spacing: float, law: str) -> Choice:
+    """Contacts may be softened until they are no stiffer than bending, as far as the overlap stays small."""
+    asked = scene.contact.softening
+    if asked != "auto":
+        return Choice("contact softening", f"{asked:g}", "as asked in the scene")
+    if law != "hooke":
+        return Choice("contact softening", "1", "crossing contacts soften themselves at small loads")
+    load, d = scene.contact.line_load, scene.filament.diameter
+    stiffness = float(line_contacts(scene)[0].secant_stiffness(load))
+    # 10.8 kn of six contacts against 16 EI/s^3 of bending
+    balance = 10.8 * stiffness * spacing**4 / (16 * filament.EI)
+    most = OVERLAP_LIMIT * d * stiffness / load
+    value = max(1.0, float(f"{min(balance, most):.3g}"))
+    if value == 1:
+        return Choice("contact softening", "1", "the real contact stiffness needs no shorter step than bending does")
+    return Choice(
+        "contact softening",
+        f"{value:g}",
+        f"contacts as stiff as bending: a longer step; at {load * 1e-6:g} N/mm surfaces overlap by "
+        f"{value * load / stiffness / d:.1%} D in place of {load / stiffness / d:.1%}",
+    )
+
+
+def plan_filaments(scene: Scene, out: Outline, level: str, choices: list[Choice]) -> Plan:
+    """Plan of a scene at level chain or rod."""
+    f, d = out.filament, scene.filament.diameter
+    tension = scene.ends.tension
+    layer = math.sqrt(f.EI / tension) if tension > 0 else scene.assembly.length
+    zone = fine_zone(scene, out.height, layer)
+    far, why = choose_far_field(scene, level, zone)
+    choices.append(Choice("far field", far, why))
+    spacing, choice = _spacing(scene, level, far)
+    choices.append(choice)
+    axial = axial_softening(scene, level, spacing, f)
+    law = "hooke" if scene.contact.law == "auto" else scene.contact.law
+    softening = contact_softening(scene, f, spacing, law)
+    choices += [axial, softening, friction(scene)]
+    choices.append(
+        Choice(
+            "contact law",
+            law,
+            f"line contact of parallel cylinders, secant at {scene.contact.line_load * 1e-6:g} N/mm"
+            if law == "hooke"
+            else "crossing cylinders (Hertz, Mindlin)",
+        )
+    )
+    half, reason = choose_symmetry(scene, level, far, scene.model.torsion == "dihedral")
+    layout = lay_beads(scene, f, level, spacing, zone, far, half)
+    choices.append(Choice("symmetry", "the right half" if layout.half else "none", reason))
+    stations = layout.stations
+    # what a bead under the platen stands for: the spacing there
+    lo, hi = platen_span(scene)
+    under = (stations > lo - 1e-6) & (stations < hi + 1e-6)
+    bead = float(np.max(np.diff(stations[under]))) if under.sum() > 1 else spacing
+    mass = bead * f.mass_per_length
+    contact = plan_contact(scene, law, bead, mass, float(softening.value))
+    beads, limit = finish_beads(scene, f, level, layout, float(axial.value), contact)
+    timestep, step = checked_step(scene, limit)
+    choices.append(step)
+    width = 0.0 if scene.platens.width == "full" else float(scene.platens.width)
+    stiffness = 1 / float(rod.platen_compliance(scene.assembly.length, f.EI, width=width, tension=tension))
+    span = scene.assembly.length if far == "none" else zone[1] - zone[0]
+    frequency = float(rod.bending_frequency(span, f.EI, f.mass_per_length, tension=tension))
+    if far != "none":  # the zone swings on the soft far field
+        frequency = min(frequency, math.sqrt(stiffness / (f.mass_per_length * span)))
+    if nothing_varies(scene):  # no end supports to bend against
+        stiffness, frequency = loose(contact.tangent_kn, mass, out.height / d)
+    n_beads = len(out.centres) * (len(stations) // 2 + 1 if layout.half else len(stations))
+    bodies = Bodies(
+        depths_below_top(out.centres),
+        out.pitch,
+        stiffness,
+        frequency,
+        contact.tangent_kn,
+        mass,
+        n_beads,
+        bends=far == "none",
+    )
+    motion, sampling, motion_choices = plan_motion(scene, bodies, timestep, out.displacement)
+    choices += motion_choices
+    omissions = common_omissions(scene, level)
+    if far == "condensed":
+        omissions.append(Omission("filaments beyond the fine zone", why, "within 2 % of graded beads (measured)"))
+    if not np.all(beads.role == CONTACT) and far != "none":
+        omissions.append(
+            Omission("contact beyond the fine zone", "filaments there fan out to their supports", "not measured")
+        )
+    if far != "none":
+        choices.append(
+            Choice(
+                "bead mass",
+                "numerical beyond the fine zone",
+                "a quasi-static run needs no inertia: coarse beads weigh what the common step allows",
+            )
+        )
+    drag = DRAG * frequency
+    return Plan(
+        level=level,
+        spacing=bead,
+        pitch=out.pitch,
+        width=out.width,
+        height=out.height,
+        n_filaments=len(out.centres),
+        n_beads=n_beads,
+        beads=beads,
+        axial_softening=float(axial.value),
+        timestep=timestep,
+        timestep_limit=limit,
+        drag=drag * mass,
+        turning_drag=drag * rod.SPHERE_INERTIA * mass * d**2,
+        torsion=scene.model.torsion,
+        contact=contact.pair,
+        platens=platens(scene, contact, hi - lo, edges=True),
+        motion=motion,
+        sampling=sampling,
+        predicted_seconds=predicted_seconds(level, n_beads, motion, sampling),
+        choices=tuple(choices),
+        omissions=tuple(omissions),
+        promise=promise(scene, out, level, bead, float(softening.value), motion),
+        free_span=min(lo, 2 * layer) if lo > 0 else math.inf,
+    )

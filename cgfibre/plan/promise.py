@@ -1,0 +1,55 @@
+"""What a plan promises: the mean error of the loading force, with its parts."""
+
+from __future__ import annotations
+
+import math
+
+from cgfibre.mechanics import rod
+from cgfibre.plan.level import level_errors
+from cgfibre.plan.model import ErrorPart, Motion
+from cgfibre.plan.motion import SPEED_GAIN
+from cgfibre.plan.outline import Outline
+from cgfibre.scene import Scene
+
+#: mean error of a platen at its bound, over the accuracy of the bound (see SPEED_GAIN)
+SPEED_ERROR = 0.5
+#: without a bound (long far fields, loose discs): the error at the planned speed, as measured on carbon-37-full-length
+UNBOUNDED = 0.1
+#: where filaments rearrange, the displacement at which they do so differs from run to run; mean over the curve
+REARRANGEMENT = 0.03
+#: beads a diameter apart against half of that: forces of carbon-37 differ by no more (measured)
+BUMPS = 0.01
+#: contacts softened by the planner: their overlap takes up a part of the displacement
+SOFTENED = 0.01
+
+
+def promise(
+    scene: Scene, out: Outline, level: str, spacing: float, softening: float, motion: Motion
+) -> tuple[ErrorPart, ...]:
+    """Parts of the mean relative error of the force between the quasi-static start and the stop; they add up.
+
+    Against a fine and slow model of the same scene: what no level models (see the omissions) is not in it.
+    """
+    eps = SPEED_GAIN * scene.model.accuracy
+    if math.isfinite(motion.pace):
+        speed = SPEED_ERROR * eps * max(motion.pace, motion.pace**2)
+        reason = f"the platen is {motion.pace:.3g} times as fast as the accuracy allows"
+    else:
+        speed, reason = UNBOUNDED, "no bound of the speed applies"
+    parts = [ErrorPart("platen speed", speed, reason)]
+    several = scene.assembly.count > 1
+    if spacing > 0:
+        width = 0.0 if scene.platens.width == "full" else float(scene.platens.width)
+        clamped = scene.ends.support == "clamped"
+        if level == "chain" and scene.platens.width != "full" and scene.ends.support != "symmetry":
+            error = float(rod.chain_bending_error(spacing, scene.assembly.length, width=width, clamped=clamped))
+            parts.append(ErrorPart("bead spacing", error, f"bending of a chain with beads {spacing:.3g} um apart"))
+        if several:
+            parts.append(
+                ErrorPart("bumps", BUMPS * spacing / scene.filament.diameter, "beads in place of a smooth side")
+            )
+    if several and softening > 1:
+        parts.append(ErrorPart("softened contacts", SOFTENED * math.log10(softening), "their overlap"))
+    if several:
+        parts.append(ErrorPart("rearrangements", REARRANGEMENT, "filaments give way at slightly other displacements"))
+    return tuple(parts + level_errors(scene, out, level))
