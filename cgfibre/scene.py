@@ -538,6 +538,21 @@ def _check_twist(scene: Scene) -> None:
         raise _refusal("assembly.twist", bundle._shown("twist"), expected)
 
 
+def _check_cell(scene: Scene) -> None:
+    """A periodic cell joins every filament's end to its own start: only whole turns do."""
+    bundle = scene.assembly
+    if scene.ends.support != "symmetry":
+        return
+    if bundle.migration is not None:
+        expected = "no such table with ends.support = 'symmetry': wandering filaments do not end where they began"
+        raise _refusal("assembly.migration", _Abridged("{...}"), expected)
+    turns = bundle.twist * bundle.length
+    if abs(turns - round(turns)) > 1e-4:
+        fits = units.format(float(f"{max(1, round(turns)) / bundle.length:.10g}"), "turn/um")
+        expected = f"whole turns over the length with ends.support = 'symmetry' (such as {fits}), here {turns:.4g}"
+        raise _refusal("assembly.twist", bundle._shown("twist"), expected)
+
+
 def _check_tension(scene: Scene) -> None:
     if scene.ends.tension > 0.05 * scene.filament.EA:
         most = units.format(float(f"{0.05 * scene.filament.EA:.3g}"), "nN")
@@ -650,6 +665,7 @@ Scene.CHECKS = (
     _check_section,
     _check_sizes,
     _check_twist,
+    _check_cell,
     _check_tension,
     _check_stop,
     _check_widths,

@@ -212,6 +212,29 @@ def test_axis_distance_of_discs():
     assert gd.axis_distance(s, s.positions).value == pytest.approx(0.3)
 
 
+def test_stretch_owed_to_softening():
+    s = straight([(0, 0), (0, D)])
+    longer = s.positions * [1.03, 1, 1]
+    assert "not applicable" in gd.stretch(s, frames_of(longer), 1.0).message
+    assert gd.stretch(s, frames_of(s.positions), 30.0).value == pytest.approx(0, abs=1e-12)
+    guard = gd.stretch(s, frames_of(s.positions, longer), 3.0)
+    assert not guard.ok and guard.value == pytest.approx(0.03 * (1 - 1 / 3))
+    x = np.arange(20) * 5.0
+    ring = system_of([np.stack([x, 0 * x, 0 * x], axis=1)], closed=True, box=[[0, 100]] * 3, periodic=(True,) * 3)
+    assert gd.stretch(ring, frames_of(ring.positions + 7.0), 30.0).value == pytest.approx(0, abs=1e-12)
+
+
+def test_largest_bend():
+    t = np.linspace(0, np.pi / 2, 6)  # a quarter of a circle in five chords
+    s = straight([(0, 0)], n=6)
+    arc = 30 * np.stack([np.sin(t), 0 * t, np.cos(t)], axis=1)
+    assert gd.largest_bend(s, frames_of(s.positions, arc)).value == pytest.approx(np.pi / 10)
+    folded = arc.copy()
+    folded[4] = arc[2] + np.array([0.0, 0.1, 0.0])
+    assert not gd.largest_bend(s, frames_of(arc, folded)).ok
+    assert "not applicable" in gd.largest_bend(straight([(0, 0)], n=2), frames_of(np.zeros((2, 3)))).message
+
+
 def test_quasi_static():
     u = np.linspace(0, 10, 11)
     work = u**2
