@@ -14,7 +14,9 @@ from rich.table import Table
 
 from cgfibre.cases.limits import LimitMap
 from cgfibre.chart import COMPARED, Chart, Row
+from cgfibre.errors import InputError
 from cgfibre.pictures import PICTURES
+from cgfibre.plan.make import other_levels
 from cgfibre.plan.model import Plan
 from cgfibre.scene import Scene
 from cgfibre.stability import CSV_NAME, Finding
@@ -56,6 +58,19 @@ def print_plan(scene: Scene, plan: Plan, brief: bool = False) -> None:
         parts.add_row(part.what, f"{part.value:.1%}", part.reason)
     parts.add_row("sum", f"{plan.promised_error:.1%}", _promise_against(scene, plan))
     console.print(parts)
+    others = Table("level", "time", "force within", "", title="What other levels would be", title_justify="left")
+    for level, other in other_levels(scene, plan).items():
+        if isinstance(other, InputError):
+            others.add_row(level, "", "", f"not for this scene: {other.key} would have to be {other.expected}")
+        else:
+            worst = max(other.promise, key=lambda part: part.value)
+            others.add_row(
+                level,
+                _seconds(other.predicted_seconds),
+                f"{other.promised_error:.1%}",
+                f"{other.n_beads} beads; most of the error: {worst.what}",
+            )
+    console.print(others)
 
 
 class RunProgress:

@@ -85,6 +85,7 @@ def plan_dict(plan: Plan) -> dict[str, Any]:
     values["far_field"] = beads["far_field"]
     values["stations"] = len(plan.beads.stations)
     values["planned_steps"] = plan.planned_steps
+    values["promised_error"] = plan.promised_error
     return values
 
 
@@ -342,6 +343,8 @@ def _summary(
         "speed_check_wait_s": facts.get("speed_check_wait_s"),
         "engine_version": facts.get("engine_version"),
         "ranks": facts.get("ranks"),
+        "promised_error": plan.promised_error,
+        "predicted_s": plan.predicted_seconds,
         "peak_force_N": float(curve["force_top_N"][peak]),
         "bottom_over_top_at_peak": float(curve["force_bottom_N"][peak] / curve["force_top_N"][peak])
         if curve["force_top_N"][peak] > 0

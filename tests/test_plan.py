@@ -10,7 +10,7 @@ from cgfibre.mechanics import rod
 from cgfibre.plan import level as levels
 from cgfibre.plan.contact import OVERLAP_LIMIT
 from cgfibre.plan.cost import COSTS, predicted_seconds
-from cgfibre.plan.make import make_plan
+from cgfibre.plan.make import make_plan, other_levels
 from cgfibre.plan.outline import outline
 from cgfibre.scene import load_scene
 from cgfibre.workflow import RunOptions, run_scene
@@ -202,3 +202,17 @@ def test_where_nothing_varies_a_section_stands_for_every_rod(tmp_path):
         force, thickness = out.curve["force_top_N"], out.curve["thickness_um"]
         at[out.summary["level"]] = thickness[np.argmax(force > 1e-3)]
     assert at["section"] == pytest.approx(at["rod"], abs=0.35)
+
+
+# --- other levels ----------------------------------------------------------------------------------------------------
+
+
+def test_other_levels_are_planned_or_refused_with_the_reason():
+    scene = load_scene("carbon-37")
+    others = other_levels(scene, make_plan(scene))
+    assert set(others) == {"rod", "section"}
+    assert others["rod"].predicted_seconds > make_plan(scene).predicted_seconds > others["section"].predicted_seconds
+    assert others["section"].promised_error > make_plan(scene).promised_error
+    twisted = load_scene("carbon-37", ["assembly.twist=3.6 turn/cm"])
+    refused = other_levels(twisted, make_plan(twisted))["section"]
+    assert isinstance(refused, InputError) and refused.key == "assembly.twist"

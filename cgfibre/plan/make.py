@@ -10,7 +10,7 @@ from cgfibre.plan.level import choose_level
 from cgfibre.plan.model import Choice, Plan
 from cgfibre.plan.outline import Outline, outline
 from cgfibre.plan.section import plan_section
-from cgfibre.scene import Scene
+from cgfibre.scene import Scene, scene_from_dict
 
 PLANNERS: dict[str, Callable[[Scene, Outline, str, list[Choice]], Plan]] = {
     "chain": plan_filaments,
@@ -26,3 +26,18 @@ def make_plan(scene: Scene) -> Plan:
     if level.value not in PLANNERS:
         raise InputError("model.level", level.value, "one of " + ", ".join(PLANNERS))
     return PLANNERS[level.value](scene, out, level.value, [level])
+
+
+def other_levels(scene: Scene, plan: Plan) -> dict[str, Plan | InputError]:
+    """What the scene would be at every other level: its plan, or why it cannot be."""
+    found: dict[str, Plan | InputError] = {}
+    for level in PLANNERS:
+        if level == plan.level:
+            continue
+        asked = scene.model_dump(exclude_none=True)
+        asked["model"]["level"] = level
+        try:
+            found[level] = make_plan(scene_from_dict(asked))
+        except InputError as error:
+            found[level] = error
+    return found
