@@ -18,9 +18,9 @@ class Cost:
 
 #: fitted to the runs of analysis/planner_scenes.py on one core of an AMD EPYC (2 cores, 2026), wheel 2025.7.22.4
 COSTS = {
-    "chain": Cost(step=8e-6, bead=4.3e-8, block=2e-3),
-    "rod": Cost(step=8e-6, bead=2.8e-7, block=4e-3),
-    "section": Cost(step=8e-6, bead=2e-7, block=1e-3),
+    "chain": Cost(step=7e-6, bead=6.2e-8, block=1e-4),
+    "rod": Cost(step=7e-6, bead=2.8e-7, block=1e-4),
+    "section": Cost(step=3.5e-6, bead=9e-8, block=1e-4),
 }
 START = 0.3  # seconds to start the engine and read the assembly
 

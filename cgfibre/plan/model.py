@@ -107,8 +107,8 @@ class Motion:
     """Platen motion: speeds in um/us, growth length um, phases in steps, earlier stops (inf: none).
 
     v(d) = first (1 + d/growth) until ``last``; unloading runs the same film backwards. At speed v forces above
-    ``quasi_static_impedance`` (nN us/um) times v are within the accuracy asked for. ``fastest`` is the highest speed,
-    at the stop, that a bundle bending between its supports allows (inf where other forces count). ``pace`` is the mean
+    ``quasi_static_impedance`` (nN us/um) times v are within the accuracy asked for. ``eps`` is the accuracy that the
+    bound of the speed was taken for. ``fastest`` is the highest speed, at the stop, that a bundle bending between its supports allows (inf where other forces count). ``pace`` is the mean
     over displacements of the speed over what the accuracy allows, nan where no bound is known.
     """
 
@@ -122,6 +122,7 @@ class Motion:
     stop_pressure: float
     planned_displacement: float
     quasi_static_impedance: float
+    eps: float
     fastest: float
     pace: float = math.nan
 

@@ -85,7 +85,7 @@ class Bodies:
     ``depths`` (n,) um of the filaments below the top one; ``pitch`` um; ``stiffness`` nN/um and ``frequency`` rad/us of
     one filament on its supports, under the platen; ``contact_stiffness`` nN/um and ``bead_mass`` pg of a contact;
     ``n_beads`` of the whole model; ``bends``: bending between the supports carries the first forces (not so where a
-    long far field is much softer than contacts).
+    long far field is much softer than contacts); ``gain`` see SPEED_GAIN.
     """
 
     depths: FloatArray
@@ -96,6 +96,7 @@ class Bodies:
     bead_mass: float
     n_beads: int
     bends: bool = True
+    gain: float = SPEED_GAIN
 
     @property
     def impedance(self) -> float:
@@ -153,7 +154,7 @@ def plan_motion(
     """Speeds, phases and sampling of the platen's motion to ``displacement`` um."""
     choices = []
     d = scene.filament.diameter
-    eps = SPEED_GAIN * scene.model.accuracy
+    eps = bodies.gain * scene.model.accuracy
     asked = scene.platens.speed
     first, last, growth = choose_speed(bodies, d, eps, displacement)
     fastest, allowed = last, (first, last, growth)
@@ -162,7 +163,7 @@ def plan_motion(
         budget = min(max(BUDGET / bodies.n_beads, LEAST_STEPS), MOST_STEPS) if most == "auto" else most
         faster = film_time(first, last, growth, displacement) / timestep / budget
         reason = (
-            f"v <= eps F/sqrt(kn m) for beads and eps F omega/(k n) for filaments with eps = {SPEED_GAIN:g} x accuracy "
+            f"v <= eps F/sqrt(kn m) for beads and eps F omega/(k n) for filaments, eps = {bodies.gain:g} x accuracy "
             f"{scene.model.accuracy:g}, from {REFERENCE_DISPLACEMENT * d:.2g} um on; it grows with the force"
         )
         if faster > EVEN_SPEED:
@@ -211,6 +212,7 @@ def plan_motion(
         stop_pressure=stop.pressure if stop.pressure is not None else math.inf,
         planned_displacement=displacement,
         quasi_static_impedance=least,
+        eps=eps,
         fastest=fastest if bodies.bends else math.inf,
         pace=_pace((first, last, growth), allowed, d, displacement) if bodies.bends else math.nan,
     )

@@ -8,7 +8,6 @@ from cgfibre.mechanics import rod
 from cgfibre.plan.beads import platen_span
 from cgfibre.plan.level import level_errors
 from cgfibre.plan.model import ErrorPart, Motion
-from cgfibre.plan.motion import SPEED_GAIN
 from cgfibre.plan.outline import Outline
 from cgfibre.scene import Scene
 
@@ -31,9 +30,8 @@ def promise(
 
     Against a fine and slow model of the same scene: what no level models (see the omissions) is not in it.
     """
-    eps = SPEED_GAIN * scene.model.accuracy
     if math.isfinite(motion.pace):
-        speed = SPEED_ERROR * eps * max(motion.pace, motion.pace**2)
+        speed = SPEED_ERROR * motion.eps * max(motion.pace, motion.pace**2)
         reason = f"the platen is {motion.pace:.3g} times as fast as the accuracy allows"
     else:
         speed, reason = UNBOUNDED, "no bound of the speed applies"
