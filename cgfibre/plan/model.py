@@ -108,8 +108,9 @@ class Motion:
 
     v(d) = first (1 + d/growth) until ``last``; unloading runs the same film backwards. At speed v forces above
     ``quasi_static_impedance`` (nN us/um) times v are within the accuracy asked for. ``eps`` is the accuracy that the
-    bound of the speed was taken for. ``fastest`` is the highest speed, at the stop, that a bundle bending between its supports allows (inf where other forces count). ``pace`` is the mean
-    over displacements of the speed over what the accuracy allows, nan where no bound is known.
+    bound of the speed was taken for. ``fastest`` is the highest speed, at the stop, that a bundle bending between its
+    supports allows (inf where other forces count). ``pace`` is the mean over displacements of the speed over what the
+    accuracy allows, nan where no bound is known.
     """
 
     first: float
