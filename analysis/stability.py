@@ -17,7 +17,8 @@ HEAD = """# Where each method fails
 
 Written by `python analysis/stability.py` from the maps of `cgfibre stability`: limits found by bisection over short
 runs of the package's own decks, beside closed forms. Points are measured, lines are predicted, crosses are what the
-package uses by default. All of carbon T700 (D = 7 um) unless said. Processor seconds of the engine: {cpu:.0f} s.
+package uses by default; where a map shows a method failing, its distance from the closed form is large and no
+default is near it. All of carbon T700 (D = 7 um) unless said. Processor seconds of the engine: {cpu:.0f} s.
 
 | map | measured off its closed form, at worst | step used / limit measured, at worst |
 |---|---|---|

@@ -264,7 +264,7 @@ def test_the_verb_measures_a_map_and_says_where_it_lies(cgfibre, tmp_path):
         ("step-spacing", 0.008),
         ("step-softening", 0.008),
         ("step-contact", 0.05),
-        ("step-damping", 0.11),
+        ("step-damping", 0.21),
         ("step-rod-damping", 0.012),
         ("step-dihedral", 0.06),
         ("step-materials", 0.008),
@@ -277,11 +277,15 @@ def test_the_verb_measures_a_map_and_says_where_it_lies(cgfibre, tmp_path):
 )
 def test_whole_maps_lie_at_their_closed_forms(bench, name, rel):
     """step-damping: the cage's own filaments do not spin, so the spinning mode of the 19 inside it has 0.906 of an
-    endless packing's damping ((6 + highest eigenvalue of who touches whom)/12): the limit is up to 10.4 % longer.
+    endless packing's damping ((6 + highest eigenvalue of who touches whom)/12): the limit is up to 10.4 % longer. Chains
+    whose bending and contacts count alike damp their stiffest mode less than that of contacts alone: up to 20 % longer,
+    on the safe side.
     """
     (chart,) = stability.find_maps([name])
     points = [p for p in chart.points(bench) if p.predicted > 1e-12]
     near(points, rel)
+    if name == "step-damping":
+        assert min(p.measured / p.predicted for p in points) > 0.95
 
 
 @pytest.mark.validate
