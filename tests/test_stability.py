@@ -277,9 +277,9 @@ def test_the_verb_measures_a_map_and_says_where_it_lies(cgfibre, tmp_path):
 )
 def test_whole_maps_lie_at_their_closed_forms(bench, name, rel):
     """step-damping: the cage's own filaments do not spin, so the spinning mode of the 19 inside it has 0.906 of an
-    endless packing's damping ((6 + highest eigenvalue of who touches whom)/12): the limit is up to 10.4 % longer. Chains
-    whose bending and contacts count alike damp their stiffest mode less than that of contacts alone: up to 20 % longer,
-    on the safe side.
+    endless packing's damping ((6 + highest eigenvalue of who touches whom)/12): the limit is up to 10.4 % longer.
+    Chains whose bending and contacts count alike damp their stiffest mode less than that of contacts alone: up to 20 %
+    longer, on the safe side.
     """
     (chart,) = stability.find_maps([name])
     points = [p for p in chart.points(bench) if p.predicted > 1e-12]
