@@ -124,7 +124,7 @@ def plan_filaments(scene: Scene, out: Outline, level: str, choices: list[Choice]
             else "crossing cylinders (Hertz, Mindlin)",
         )
     )
-    half, reason = choose_symmetry(scene, level, far, scene.model.torsion == "dihedral")
+    half, reason = choose_symmetry(scene, level, far, out.displacement / out.height)
     layout = lay_beads(scene, f, level, spacing, zone, far, half)
     choices.append(Choice("symmetry", "the right half" if layout.half else "none", reason))
     stations = layout.stations
