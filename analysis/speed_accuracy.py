@@ -14,10 +14,10 @@ import re
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 
 from cgfibre import plot
+from cgfibre.cases import friction
 from cgfibre.cases.experiment import Measured
 from cgfibre.cases.pressing import pressed_alone
 from cgfibre.chart import COMPARED, Chart, ChartOptions, chart_scene
@@ -52,8 +52,8 @@ BUNDLES = {
     "carbon-37": Bundle("carbon-37", ("platens.stop.displacement=14 um",)),
     "carbon-127": Bundle(
         "carbon-127",
-        ("platens.stop.displacement=8 um",),
-        seeds=2,
+        ("platens.stop.displacement=5 um",),
+        seeds=1,
         only=("section-0.05", "chain-D-0.2", "chain-D-0.1", "chain-D-0.05", "chain-D-0.025"),
         reference_accuracy=0.025,
     ),
@@ -156,14 +156,13 @@ def one_filament(arguments: argparse.Namespace) -> str:
 
 def capstan(arguments: argparse.Namespace) -> str:
     """T2/T1 of a chain on a turning pulley."""
-    friction = import_module("cgfibre.cases.friction")
-    trials = [(f"n = {n}", of(friction.capstan, "chain", n)) for n in (4, 8, 15, 30, 60)]
+    pulley = friction.Pulley()
+    trials = [(f"n = {n}", of(friction.capstan, "chain", pulley.spacing(n))) for n in (4, 8, 15, 30, 60)]
     return trials_text("capstan", "Capstan: T2/T1 against exp(mu theta), n nodes on the pulley", trials)
 
 
 def sliding(arguments: argparse.Namespace) -> str:
     """Friction of one filament along another."""
-    friction = import_module("cgfibre.cases.friction")
     trials = [(f"s = {s:g} D", of(friction.sliding_along, "chain", s)) for s in (1.0, 0.5, 0.25)]
     return trials_text("sliding", "Sliding along a filament: mean friction", trials)
 

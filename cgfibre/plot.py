@@ -457,7 +457,7 @@ def _name_points(ax: Axes, points: Sequence[ChartPoint]) -> None:
     left, right = ordered[0].cpu, ordered[-1].cpu
     for k, p in enumerate(ordered):
         near = [
-            q for q in ordered[:k] if abs(np.log10(p.cpu / q.cpu)) < 0.25 and abs(np.log10(p.error / q.error)) < 0.12
+            q for q in ordered[:k] if abs(np.log10(p.cpu / q.cpu)) < 0.4 and abs(np.log10(p.error / q.error)) < 0.12
         ]
         below = len(near) % 2 == 1
         last = right > left and np.log(p.cpu / left) > 0.8 * np.log(right / left)
