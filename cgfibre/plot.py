@@ -455,12 +455,16 @@ def _name_points(ax: Axes, points: Sequence[ChartPoint]) -> None:
     """Names beside the points, above or below where another one is near."""
     ordered = sorted(points, key=lambda p: p.cpu)
     left, right = ordered[0].cpu, ordered[-1].cpu
+    low: list[bool] = []
     for k, p in enumerate(ordered):
         near = [
-            q for q in ordered[:k] if abs(np.log10(p.cpu / q.cpu)) < 0.4 and abs(np.log10(p.error / q.error)) < 0.12
+            i
+            for i, q in enumerate(ordered[:k])
+            if abs(np.log10(p.cpu / q.cpu)) < 0.4 and abs(np.log10(p.error / q.error)) < 0.12
         ]
-        below = len(near) % 2 == 1
-        last = right > left and np.log(p.cpu / left) > 0.8 * np.log(right / left)
+        below = not low[near[-1]] if near else False
+        low.append(below)
+        last = right > left and np.log(p.cpu / left) > 0.9 * np.log(right / left)
         ax.annotate(
             p.name,
             (p.cpu, 100 * p.error),
