@@ -618,7 +618,7 @@ def write_chart(chart: Chart) -> None:
     """chart.csv, chart.h5, chart.json and chart.png in the chart's folder."""
     table = table_of(chart)
     store.write_table(chart.out / "chart.csv", table)
-    store.write_table_h5(chart.out / "chart.h5", "chart", table)
+    store.write_tables(chart.out / "chart.h5", [store.Table("chart", {}, table)])
     facts = {
         "scene": chart.scene,
         "from_um": chart.start,

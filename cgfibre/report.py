@@ -6,10 +6,18 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 
 from cgfibre.cases.limits import LimitMap
@@ -73,11 +81,35 @@ def print_plan(scene: Scene, plan: Plan, brief: bool = False) -> None:
     console.print(others)
 
 
-class RunProgress:
+class _LateProgress:
+    """A bar that shows at the first sign of work, so that wrong input is answered by its one line alone; a context
+    manager."""
+
+    def __init__(self, *columns: ProgressColumn) -> None:
+        self._progress = Progress(*columns, console=Console(stderr=True), refresh_per_second=4)
+        self._task: TaskID | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._task is not None:  # stopping a bar that never showed prints an empty line
+            self._progress.stop()
+
+    def _begin(self, title: str, total: float | None = None, **fields: Any) -> TaskID:
+        if self._task is None:
+            self._progress.start()
+            self._task = self._progress.add_task(title, total=total, **fields)
+        return self._task
+
+
+class RunProgress(_LateProgress):
     """Progress of a run: part done, rate, time left, present displacement and force; a context manager."""
 
     def __init__(self) -> None:
-        self._progress = Progress(
+        super().__init__(
             TextColumn("[bold]{task.description}"),
             BarColumn(),
             TextColumn("{task.percentage:3.0f} %"),
@@ -85,29 +117,11 @@ class RunProgress:
             TimeElapsedColumn(),
             TextColumn("left"),
             TimeRemainingColumn(),
-            console=Console(stderr=True),
-            refresh_per_second=4,
         )
-        self._task: TaskID | None = None
-
-    def __enter__(self) -> RunProgress:
-        return self
-
-    def _begin(self) -> TaskID:
-        """Show the bar at the first sign of a run, so that wrong input is answered by its one line alone."""
-        if self._task is None:
-            self._progress.start()
-            self._task = self._progress.add_task("pressing", total=None, state="")
-        return self._task
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._progress.stop()
 
     def update(self, step: int, planned: int, displacement: float, force: float) -> None:
         """Show a state; the signature of :data:`cgfibre.workflow.Progress`."""
-        task = self._begin()
+        task = self._begin("pressing", state="")
         elapsed = self._progress.tasks[0].elapsed or 0.0
         rate = f"{step / elapsed:.0f} steps/s" if elapsed > 1 else ""
         self._progress.update(
@@ -116,7 +130,7 @@ class RunProgress:
 
     def note(self, text: str) -> None:
         """A line above the bar."""
-        self._begin()
+        self._begin("pressing", state="")
         self._progress.console.print(text, highlight=False)
 
 
@@ -182,38 +196,22 @@ def print_result(result: RunResult) -> None:
         console.print(f"WARNING  {warning}", highlight=False)
 
 
-class MapProgress:
+class MapProgress(_LateProgress):
     """Progress of the stability maps: which map, points so far; a context manager."""
 
     def __init__(self) -> None:
-        self._progress = Progress(
+        super().__init__(
             TextColumn("[bold]{task.description}"),
             BarColumn(),
             TextColumn("map {task.completed} of {task.total}"),
             TextColumn("{task.fields[points]}"),
             TimeElapsedColumn(),
-            console=Console(stderr=True),
-            refresh_per_second=4,
         )
-        self._task: TaskID | None = None
-
-    def __enter__(self) -> MapProgress:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._task is not None:
-            self._progress.stop()
 
     def update(self, chart: LimitMap, number: int, of: int, points: int) -> None:
         """Show a state; the signature of :data:`cgfibre.stability.Progress`."""
-        if self._task is None:
-            self._progress.start()
-            self._task = self._progress.add_task(chart.title, total=of, points="")
-        self._progress.update(
-            self._task, description=chart.title, completed=number, total=of, points=f"{points} points"
-        )
+        task = self._begin(chart.title, of, points="")
+        self._progress.update(task, description=chart.title, completed=number, total=of, points=f"{points} points")
 
 
 def print_limits(findings: Sequence[Finding], out: Path) -> None:
@@ -228,11 +226,11 @@ def print_limits(findings: Sequence[Finding], out: Path) -> None:
     console.print(f"table    {out / CSV_NAME}\npictures {out / 'stability-*.png'}", highlight=False, soft_wrap=True)
 
 
-class ChartProgress:
+class ChartProgress(_LateProgress):
     """Progress of a chart by predicted seconds of its runs; a context manager."""
 
     def __init__(self) -> None:
-        self._progress = Progress(
+        super().__init__(
             TextColumn("[bold]charting"),
             BarColumn(),
             TextColumn("{task.percentage:3.0f} %"),
@@ -240,25 +238,11 @@ class ChartProgress:
             TimeElapsedColumn(),
             TextColumn("left"),
             TimeRemainingColumn(),
-            console=Console(stderr=True),
-            refresh_per_second=4,
         )
-        self._task: TaskID | None = None
-
-    def __enter__(self) -> ChartProgress:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._progress.stop()
 
     def update(self, done: float, total: float, last: str) -> None:
         """Show a state; the signature of :data:`cgfibre.chart.Progress`."""
-        if self._task is None:  # at the first sign of a run: wrong input is answered by its one line alone
-            self._progress.start()
-            self._task = self._progress.add_task("", total=total, state=last)
-        self._progress.update(self._task, completed=done, total=total, state=last)
+        self._progress.update(self._begin("", total, state=last), completed=done, total=total, state=last)
 
 
 def print_chart(chart: Chart) -> None:

@@ -263,7 +263,7 @@ class Table:
 
     name: str
     notes: Mapping[str, str]
-    columns: Mapping[str, tuple[np.ndarray, str]]
+    columns: Mapping[str, tuple[Sequence[Any] | np.ndarray, str]]
 
 
 def write_tables(path: Path, tables: Iterable[Table]) -> None:
@@ -275,7 +275,7 @@ def write_tables(path: Path, tables: Iterable[Table]) -> None:
             for name, note in table.notes.items():
                 group.attrs[name] = note
             for name, (values, units) in table.columns.items():
-                _put(group, name, [str(v) for v in values] if units == "text" else values, units)
+                _put(group, name, [str(v) for v in values] if units == "text" else np.asarray(values), units)
 
 
 def read_tables(path: Path) -> list[Table]:
@@ -339,15 +339,6 @@ def write_table(path: Path, columns: Mapping[str, tuple[Sequence[Any], str]]) ->
 
 def _cell(value: Any) -> Any:
     return "" if isinstance(value, float) else value
-
-
-def write_table_h5(path: Path, name: str, columns: Mapping[str, tuple[Sequence[Any], str]]) -> None:
-    """An HDF5 file with the group ``name``: one dataset a column (values, units), with the attribute ``units``."""
-    with _replacing(path) as part, h5py.File(part, "w") as f:
-        f.attrs["cgfibre_schema"] = SCHEMA
-        group = f.create_group(name)
-        for column, (values, units) in columns.items():
-            _put(group, column, np.array(values, dtype=h5py.string_dtype() if units == "text" else None), units)
 
 
 def write_json(path: Path, values: Mapping[str, Any]) -> None:

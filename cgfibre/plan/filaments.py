@@ -10,7 +10,7 @@ from cgfibre.build.system import FilamentType
 from cgfibre.mechanics import rod
 from cgfibre.plan.beads import choose_far_field, choose_symmetry, fine_zone, finish_beads, lay_beads, platen_span
 from cgfibre.plan.common import checked_step, common_omissions, friction, platens
-from cgfibre.plan.contact import OVERLAP_LIMIT, line_contacts, plan_contact
+from cgfibre.plan.contact import OVERLAP_LIMIT, TANGENTIAL_RATIO, line_contacts, plan_contact
 from cgfibre.plan.cost import predicted_seconds
 from cgfibre.plan.level import nothing_varies
 from cgfibre.plan.model import CONTACT, Choice, Omission, Plan
@@ -87,8 +87,9 @@ def contact_softening(scene: Scene, filament: FilamentType, spacing: float, law:
         return Choice("contact softening", "1", "crossing contacts soften themselves at small loads")
     load, d = scene.contact.line_load, scene.filament.diameter
     stiffness = float(line_contacts(scene)[0].secant_stiffness(load))
-    # 10.8 kn of six contacts against 16 EI/s^3 of bending
-    balance = 10.8 * stiffness * spacing**4 / (16 * filament.EI)
+    # six contacts against 16 EI/s^3 of bending
+    six = float(rod.contact_stiffness_bound(stiffness * spacing, kt_ratio=TANGENTIAL_RATIO))
+    balance = six * spacing**3 / (16 * filament.EI)
     most = OVERLAP_LIMIT * d * stiffness / load
     value = max(1.0, float(f"{min(balance, most):.3g}"))
     if value == 1:
