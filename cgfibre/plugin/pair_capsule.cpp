@@ -9,6 +9,7 @@
 #include "error.h"
 #include "force.h"
 #include "memory.h"
+#include "modify.h"
 #include "neighbor.h"
 #include "update.h"
 #include "utils.h"
@@ -51,7 +52,7 @@ inline void keep(double alpha, double beta, double &lo, double &hi)
 
 }    // namespace
 
-PairCapsule::PairCapsule(LAMMPS *lmp) : Pair(lmp), reach(0.0), spin(false), chain(nullptr), store(nullptr), warned(false)
+PairCapsule::PairCapsule(LAMMPS *lmp) : Pair(lmp), reach(0.0), spin(false), chain(nullptr), store(nullptr), stale(true), warned(false)
 {
   single_enable = 1;
   restartinfo = 0;    // the deck gives pair_style and pair_coeff again after read_restart
@@ -66,6 +67,7 @@ PairCapsule::PairCapsule(LAMMPS *lmp) : Pair(lmp), reach(0.0), spin(false), chai
 
 PairCapsule::~PairCapsule()
 {
+  if (store && modify->get_fix_by_id(store->id)) modify->delete_fix(store->id);
   delete[] pvector;
   delete[] svector;
   if (allocated) {
@@ -147,7 +149,8 @@ void PairCapsule::init_style()
   if (comm->get_comm_cutoff() == 0.0 && comm->nprocs > 1 && comm->me == 0)
     error->warning(FLERR, "pair_style capsule: set comm_modify cutoff to 3 segments and a diameter at least");
   chain = FixSegments::of(lmp);
-  store = FixHistory::of(lmp, "CGFIBRE_CAPSULE", HISTORY, this);
+  // there must be a box first
+  if (!store) store = FixHistory::create(lmp, "CGFIBRE_CAPSULE", HISTORY, this);
 }
 
 double PairCapsule::init_one(int i, int j)
@@ -245,6 +248,12 @@ void PairCapsule::find_pairs()
     for (int k = 0; k < HISTORY; k++) history.push_back(kept ? kept[k] : 0.0);
   });
   if (row >= 0) rows.push_back((int) partners.size());
+  stale = false;
+}
+
+void PairCapsule::restore(const FixHistory &)
+{
+  stale = true;    // with the next forces, when segments are known too
 }
 
 void PairCapsule::deposit(FixHistory &into)
@@ -556,13 +565,13 @@ void PairCapsule::tally(const Segment &A, const Segment &B, const CapsuleContact
 void PairCapsule::compute(int eflag, int vflag)
 {
   ev_init(eflag, vflag);
-  if (neighbor->ago == 0) find_pairs();
+  if (stale) find_pairs();
   place_segments();
   if (spin)
     add_forces<true>();
   else
     add_forces<false>();
-  store->touched();
+  store->changed();
   if (vflag_fdotr) virial_fdotr_compute();
 }
 

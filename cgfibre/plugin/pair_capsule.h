@@ -51,6 +51,7 @@ class PairCapsule : public LAMMPS_NS::Pair, public HistoryOwner {
   double single(int, int, int, int, double, double, double, double &) override;
   double memory_usage() override;
   void deposit(FixHistory &) override;
+  void restore(const FixHistory &) override;
 
   // calls row(first bead of the one segment, of the other, contact) for every touching pair of this rank
   template <class Row> void for_contacts(Row row);
@@ -90,6 +91,7 @@ class PairCapsule : public LAMMPS_NS::Pair, public HistoryOwner {
   std::vector<SearchSegment> near;
   std::unordered_map<LAMMPS_NS::tagint, int> row_of;    // by the first bead's tag
   SegmentSearch search;
+  bool stale;    // neighbour lists are new: pairs have to be found again
   bool warned;
 
   const Coefficients &of_types(int i, int j) const
