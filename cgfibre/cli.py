@@ -298,8 +298,9 @@ def doctor(engine: str | None, launcher: str | None) -> None:
 
     checks = examine(engine, launcher)
     for check in checks:
-        click.echo(f"{'ok  ' if check.ok else 'FAIL'} {check.name}: {check.found}")
+        verdict = "ok  " if check.ok else "FAIL" if check.needed else "note"
+        click.echo(f"{verdict} {check.name}: {check.found}")
         if not check.ok:
             click.echo(f"     do: {check.remedy}")
-    if not all(check.ok for check in checks):
+    if not all(check.ok for check in checks if check.needed):
         sys.exit(EngineError.exit_code)

@@ -14,6 +14,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
@@ -29,7 +30,7 @@ from cgfibre.engine.compiler import (
     macros,
     sanitizer_environment,
 )
-from cgfibre.engine.lammps import Engine, engine_help, find_engine, mpi_library
+from cgfibre.engine.lammps import Engine, engine_help, find_engine, mpi_library, run_deck
 from cgfibre.errors import EngineError, InputError
 
 LIBRARY = "cgfibre_plugin.so"
@@ -203,20 +204,19 @@ def build_plugin(build: Build | None = None, note: Callable[[str], None] | None 
     with the compiler's first error.
     """
     build = build or Build()
+    sources = source_hash()
+    if replace(build, engine=None, sanitize=False) == Build():
+        there = _up_to_date(build, _wheel_abi(), sources)
+        if there is not None and _engine(build) is None:
+            return there  # without asking for a compiler
     headers = _headers(build.headers)
     compiler = find_compiler()
     include = (*headers, *_mpi_include(build, headers))
     abi = _abi_of_headers(build, headers, include, compiler)
-    sources = source_hash()
-    if build.out is None:
-        name = abi.key + ("-sanitize" if build.sanitize else "")
-        for home in _homes():
-            plugin = _read(home / name)
-            if plugin is not None and (plugin.abi, plugin.sources, plugin.sanitize) == (abi, sources, build.sanitize):
-                return plugin
-        folder = next(home for home in _homes() if _writable(home)) / name
-    else:
-        folder = build.out
+    there = _up_to_date(build, abi, sources)
+    if there is not None:
+        return there
+    folder = build.out or next(home for home in _homes() if _writable(home)) / _name(build, abi)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -237,6 +237,21 @@ def build_plugin(build: Build | None = None, note: Callable[[str], None] | None 
     (folder / f"{RECORD}.part").write_text(json.dumps(record, indent=2) + "\n")
     os.replace(folder / f"{RECORD}.part", folder / RECORD)
     return plugin
+
+
+def _name(build: Build, abi: Abi) -> str:
+    return abi.key + ("-sanitize" if build.sanitize else "")
+
+
+def _up_to_date(build: Build, abi: Abi | None, sources: str) -> Plugin | None:
+    """The library that ``build`` would make, if it is there already."""
+    if abi is None or build.out is not None:
+        return None
+    for home in _homes():
+        plugin = _read(home / _name(build, abi))
+        if plugin is not None and (plugin.abi, plugin.sources, plugin.sanitize) == (abi, sources, build.sanitize):
+            return plugin
+    return None
 
 
 def _writable(home: Path) -> bool:
@@ -398,6 +413,27 @@ def plugin_variables(folder: Path, engine: Engine) -> dict[str, str]:
     return {"plugin": f"./{library.name}"}
 
 
+def probe_plugin(engine: Engine, plugin: Plugin, ranks: int) -> str:
+    """Load ``plugin`` into ``engine`` on ``ranks`` ranks and have them add up over its MPI; returns what it says.
+
+    Raises EngineError when it does not load or does not reach every rank.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        shutil.copyfile(plugin.library, folder / LIBRARY)  # a path without blanks
+        (folder / "in.probe").write_text(f"plugin load ./{LIBRARY}\ncgfibre_plugin\n")
+        try:
+            run_deck(engine, folder, "in.probe", ranks)
+        except EngineError as error:
+            log = (folder / "log.lammps").read_text() if (folder / "log.lammps").exists() else ""
+            why = re.search(r"NOT LOADED: .+|Open of file .+", log)
+            raise EngineError(why[0] if why else error.reason, BUILD) from error
+        said = re.search(r"cgfibre plugin: .+", (folder / "log.lammps").read_text())
+    if said is None or f"on {ranks} of {ranks} ranks" not in said[0]:
+        raise EngineError(f"the plugin did not reach {ranks} ranks: {said and said[0]}", BUILD)
+    return said[0]
+
+
 def sanitized(engine: Engine) -> Engine:
     """``engine`` in an environment that can load a plugin built with ``sanitize``."""
     return replace(engine, environment={**engine.environment, **sanitizer_environment(find_compiler())})
@@ -416,6 +452,7 @@ __all__ = [
     "find_plugin",
     "needs_plugin",
     "plugin_variables",
+    "probe_plugin",
     "sanitized",
     "search_plugin",
     "source_files",
