@@ -157,7 +157,7 @@ def run_scene(
         _write_inputs(out, scene, plan)
     folder, about = out / "deck", _about(scene, plan)
     if not (options.resume and is_written(folder)):
-        write_job(folder, system, plan, about)
+        write_job(folder, system, plan, about, engine)
     with certify.FinerRuns(finer, engine, out, options.ranks, options.resume, about) as beside:
         try:
             spent = run_job(engine, folder, plan, options.ranks, options.resume, Watch(progress, note, cancelled))

@@ -17,6 +17,7 @@ from cgfibre.engine.datafile import write_data
 from cgfibre.engine.deck import write_deck
 from cgfibre.engine.dump import RawRecord, read_record
 from cgfibre.engine.lammps import EngineTime, find_engine, run_deck
+from cgfibre.engine.plugin import copy_plugin, needs_plugin, plugin_variables
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.model import Plan
 from cgfibre.plan.system import build_system
@@ -112,8 +113,11 @@ def run_on(
     if text.count(last) != 1:
         raise ValueError(f"{deck.name} has no line of its own for the phases")
     (folder / deck.name).write_text(text.replace(last, "\n".join([*commands, last])))
-    given = {"unsafe": "1"} | {k: str(v) for k, v in variables.items()}
-    spent = run_deck(find_engine(), folder, deck.name, ranks, given)
+    engine = find_engine()
+    if needs_plugin(folder):
+        copy_plugin(folder, engine)
+    given = {"unsafe": "1"} | plugin_variables(folder, engine) | {k: str(v) for k, v in variables.items()}
+    spent = run_deck(engine, folder, deck.name, ranks, given)
     return Outcome(folder, read_record(folder), spent)
 
 

@@ -62,6 +62,11 @@ REMEDIES: tuple[tuple[str, str, str], ...] = (
     ),
     (r"Cannot open", "a file of the deck is missing or not writable", "build the deck again; check write access"),
     (
+        r"Unknown command: cgfibre_plugin",
+        "LAMMPS did not load the plugin; log.lammps says why",
+        "cgfibre plugin status, cgfibre plugin build",
+    ),
+    (
         r"Unrecognized|Unknown",
         "this LAMMPS lacks a style that the deck needs",
         "use a build with the packages MOLECULE, GRANULAR and BPM (cgfibre doctor)",
