@@ -594,7 +594,7 @@ double PairCapsule::single(int i, int j, int, int, double, double, double, doubl
     for (int d = 0; d < 3; d++) svector[1 + d] = contact.friction[d];
     svector[4] = contact.length;
     svector[5] = contact.distance;
-    svector[6] = std::acos(std::fmin(1.0, contact.cosine)) * 180.0 / 3.14159265358979323846;
+    svector[6] = contact.angle();
     return contact.energy;
   }
   return 0.0;

@@ -18,6 +18,7 @@
 #include "normal_law.h"
 #include "segment_search.h"
 
+#include <cmath>
 #include <unordered_map>
 #include <vector>
 
@@ -27,15 +28,17 @@ class FixSegments;
 
 // what one pair of segments is found to do; forces on the segment of the lower molecule
 struct CapsuleContact {
-  double normal = 0.0;         // sum of the normal forces, nN
-  double friction[3];          // nN
-  double force[3];             // both
-  double point[3];             // where the surfaces touch
+  double normal = 0.0;    // sum of the normal forces, nN
+  double friction[3] = {0.0, 0.0, 0.0};
+  double force[3] = {0.0, 0.0, 0.0};    // both
+  double point[3] = {0.0, 0.0, 0.0};    // where the surfaces touch
   double length = 0.0;         // of the touching stretch, um
   double distance = 0.0;       // least distance of the axes in it, um
   double cosine = 1.0;         // of the angle between the axes
   double energy = 0.0;
   bool slipping = false;
+
+  double angle() const { return std::acos(std::fmin(1.0, cosine)) * 180.0 / 3.14159265358979323846; }    // degrees
 };
 
 class PairCapsule : public LAMMPS_NS::Pair, public HistoryOwner {
