@@ -383,7 +383,8 @@ class Contact(_Table):
     """``[contact]``: between filaments.
 
     ``shape``: filaments touch along their segments (capsule, needs the plugin) or bead by bead. ``line_load`` is where
-    the secant stiffness of the line contact is taken; ``softening`` divides that stiffness.
+    the secant stiffness of the line contact is taken; ``softening`` divides that stiffness; ``damping_ratio`` is that of
+    two beads or stretches on their contact.
     """
 
     shape: Literal["auto", "capsule", "beads"] = "auto"
@@ -391,7 +392,7 @@ class Contact(_Table):
     law: Literal["auto", "hooke", "hertz", "line"] = "auto"
     line_load: LineForce = 1.0e6  # 1 N/mm
     softening: AutoFactor = "auto"
-    damping_ratio: Annotated[float, Value(above=0.0, most=1.0)] = 0.3
+    damping_ratio: Annotated[float | Literal["auto"], Value(words=("auto",), above=0.0, most=1.0)] = "auto"
 
 
 class Model(_Table):

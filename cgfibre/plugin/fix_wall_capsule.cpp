@@ -225,9 +225,9 @@ int FixWallCapsule::stretches(const Filament &s, Stretch *found) const
     const double gap = side * p[axis] - s.radius, slope = side * s.t[axis];
     double lo = 0.0, hi = s.length;
     if (slope > 0.0)
-      hi = std::fmin(hi, -gap / slope);
+      hi = std::min(hi, -gap / slope);
     else if (slope < 0.0)
-      lo = std::fmax(lo, -gap / slope);
+      lo = std::max(lo, -gap / slope);
     else if (gap >= 0.0)
       return 0;
     all[n++] = {lo, hi};
@@ -239,7 +239,7 @@ int FixWallCapsule::stretches(const Filament &s, Stretch *found) const
       b += p[d] * s.t[d];
       c += p[d] * p[d];
     }
-    a = std::fmax(a, 1e-14);
+    a = std::max(a, 1e-14);
     const double touch = cylinder + side * s.radius;
     const double root2 = b * b - a * (c - touch * touch);
     if (side > 0.0) {
@@ -256,13 +256,13 @@ int FixWallCapsule::stretches(const Filament &s, Stretch *found) const
   }
   int kept = 0;
   for (int k = 0; k < n; k++) {
-    double lo = std::fmax(0.0, all[k].lo), hi = std::fmin(s.length, all[k].hi);
+    double lo = std::max(0.0, all[k].lo), hi = std::min(s.length, all[k].hi);
     if (span_axis >= 0) {
       const double x = s.x[span_axis], t = s.t[span_axis];
       if (t != 0.0) {
         const double one = (span_lo - x) / t, other = (span_hi - x) / t;
-        lo = std::fmax(lo, std::fmin(one, other));
-        hi = std::fmin(hi, std::fmax(one, other));
+        lo = std::max(lo, std::min(one, other));
+        hi = std::min(hi, std::max(one, other));
       } else if (x < span_lo || x > span_hi)
         continue;
     }
@@ -309,7 +309,7 @@ void FixWallCapsule::push(const Filament &s, const Stretch &stretch, double *h, 
     double distance;
     normal_at(point, distance, way);
     const double overlap = s.radius - distance;
-    total[5] = std::fmin(total[5], distance);
+    total[5] = std::min(total[5], distance);
     double closing = 0.0;
     for (int d = 0; d < 3; d++) closing -= way[d] * (s.v[d] + xi * s.dv[d] - wall[d]);
     double elastic;
@@ -319,7 +319,7 @@ void FixWallCapsule::push(const Filament &s, const Stretch &stretch, double *h, 
       if (advance) h[4 + g] = deep;
     } else
       elastic = law.force(overlap, size);
-    const double push = half * std::fmax(0.0, elastic + damping * closing);
+    const double push = half * std::max(0.0, elastic + damping * closing);
     if (overlap > 0.0) {
       stiffness += half * elastic / overlap;
       total[4] += half * law.energy(overlap, size);

@@ -25,6 +25,7 @@ namespace {
 
 constexpr double GAUSS = 0.57735026918962576;    // 1/sqrt(3)
 constexpr double NONE_CLOSE = 1e20;
+constexpr double SLIVER = 1e-9;    // of a segment: a shorter stretch is rounding
 
 // a unit vector across both axes, for axes that meet: any will do
 void across(const double *u, const double *v, double *n)
@@ -43,9 +44,9 @@ void across(const double *u, const double *v, double *n)
 inline void keep(double alpha, double beta, double &lo, double &hi)
 {
   if (beta > 0.0)
-    lo = std::fmax(lo, -alpha / beta);
+    lo = std::max(lo, -alpha / beta);
   else if (beta < 0.0)
-    hi = std::fmin(hi, -alpha / beta);
+    hi = std::min(hi, -alpha / beta);
   else if (alpha < 0.0)
     hi = -1.0;
 }
@@ -311,37 +312,42 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
                         CapsuleContact &out, Load &load) const
 {
   const double D = A.radius + B.radius;
-  double w[3], p0[3], m[3];
-  for (int d = 0; d < 3; d++) w[d] = A.x[d] - B.x[d];
+  double lo = 0.0, hi = A.length;
+  double w[3], end[3], p0[3], m[3];
+  for (int d = 0; d < 3; d++) {
+    w[d] = A.x[d] - B.x[d];
+    end[d] = w[d] - B.length * B.t[d];
+  }
+  // between B's end planes; most candidates end here, next to a neighbour's segment
+  const double behind = dot(w, B.before), ahead = -dot(end, B.after);
+  const double gain = dot(A.t, B.before), loss = -dot(A.t, B.after);
+  if ((behind <= 0.0 && behind + gain * hi <= 0.0) || (ahead <= 0.0 && ahead + loss * hi <= 0.0)) return false;
+
   const double b = dot(A.t, B.t), e = dot(w, B.t);
   for (int d = 0; d < 3; d++) {
     p0[d] = w[d] - e * B.t[d];
     m[d] = A.t[d] - b * B.t[d];
   }
   // |p0 + s m|^2 = C + D^2 + 2 Q s + M s^2
-  const double C = dot(p0, p0) - D * D, Q = dot(p0, m), M = std::fmax(dot(m, m), 1e-14);
+  const double C = dot(p0, p0) - D * D, Q = dot(p0, m), M = std::max(dot(m, m), 1e-14);
   const double root2 = Q * Q - M * C;
   if (!(root2 > 0.0)) return false;
-  double lo = 0.0, hi = A.length;
   const double root = std::sqrt(root2);
   const double q = -(Q + (Q >= 0.0 ? root : -root));
   const double s1 = q / M, s2 = C / q;
-  lo = std::fmax(lo, std::fmin(s1, s2));
-  hi = std::fmin(hi, std::fmax(s1, s2));
-  if (!(lo < hi)) return false;
-  keep(dot(w, B.before), dot(A.t, B.before), lo, hi);
-  double end[3];
-  for (int d = 0; d < 3; d++) end[d] = w[d] - B.length * B.t[d];
-  keep(-dot(end, B.after), -dot(A.t, B.after), lo, hi);
-  if (!(lo < hi)) return false;
+  lo = std::max(lo, std::min(s1, s2));
+  hi = std::min(hi, std::max(s1, s2));
+  keep(behind, gain, lo, hi);
+  keep(ahead, loss, lo, hi);
+  if (!(hi - lo > SLIVER * A.length)) return false;
 
   const double half = 0.5 * (hi - lo), middle = 0.5 * (hi + lo);
   const double size = 0.5 * D;
 
   // crossing at an angle: Hertz' ellipse as a lens of linear springs, see crossing_law.h
   double share = 1.0, lens_stiffness = 0.0;
-  const double nearest = std::fmin(hi, std::fmax(lo, -Q / M));
-  const double deepest = D - std::sqrt(std::fmax(0.0, C + D * D + nearest * (2 * Q + nearest * M)));
+  const double nearest = std::min(hi, std::max(lo, -Q / M));
+  const double deepest = D - std::sqrt(std::max(0.0, C + D * D + nearest * (2 * Q + nearest * M)));
   const double harmonic = 2 * A.radius * B.radius / D;
   if (c.law.kind() == NormalLaw::LINE && deepest > 0.0 &&
       deepest * (2 * D - deepest) < M * LONG_LENS * LONG_LENS * harmonic * harmonic) {
@@ -355,7 +361,7 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
 
   double sum = 0.0, stiffness = 0.0, at = 0.0, n[3] = {0.0, 0.0, 0.0};
   double least = D;
-  memset(&load, 0, sizeof(Load));
+  memset(load.force, 0, sizeof load.force);
   for (int g = 0; g < 2; g++) {
     const double s = middle + (g ? GAUSS : -GAUSS) * half, along = e + b * s;
     double way[3], distance2 = 0.0;
@@ -369,7 +375,7 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
     else
       across(A.t, B.t, way);
     const double overlap = D - distance;
-    least = std::fmin(least, distance);
+    least = std::min(least, distance);
     const double xi = s * A.inverse, eta = along * B.inverse;
     double closing = 0.0;
     for (int d = 0; d < 3; d++) closing -= way[d] * (A.v[d] + xi * A.dv[d] - B.v[d] - eta * B.dv[d]);
@@ -379,8 +385,8 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
       elastic = c.law.force(overlap, size, deep);
       if (advance) h[4 + g] = deep;
     } else
-      elastic = share * c.law.force(overlap, size) + (1.0 - share) * lens_stiffness * std::fmax(0.0, overlap);
-    const double f = half * std::fmax(0.0, elastic + c.damping * closing);
+      elastic = share * c.law.force(overlap, size) + (1.0 - share) * lens_stiffness * std::max(0.0, overlap);
+    const double f = half * std::max(0.0, elastic + c.damping * closing);
     if (overlap > 0.0) stiffness += half * elastic / overlap;
     sum += f;
     at += f * s;
@@ -405,7 +411,7 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
     for (int d = 0; d < 3; d++) n[d] /= push;
     const double s = at / sum, along = e + b * s;
     const double xi = s * A.inverse, eta = along * B.inverse;
-    const double distance = std::sqrt(std::fmax(0.0, C + D * D + s * (2 * Q + s * M)));
+    const double distance = std::sqrt(std::max(0.0, C + D * D + s * (2 * Q + s * M)));
     // from the axes to the point where the surfaces touch
     const double rA = -distance * A.radius / D, rB = distance * B.radius / D;
     double slide[3], armA[3], armB[3], turnA[3], turnB[3];
@@ -483,7 +489,7 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
     const double shift[3] = {-OUTER, 0.0, OUTER}, weight[3] = {5.0 / 9.0, 8.0 / 9.0, 5.0 / 9.0};
     for (int g = 0; g < 3; g++) {
       const double s = middle + shift[g] * half;
-      const double overlap = D - std::sqrt(std::fmax(0.0, C + D * D + s * (2 * Q + s * M)));
+      const double overlap = D - std::sqrt(std::max(0.0, C + D * D + s * (2 * Q + s * M)));
       if (overlap > 0.0)
         out.energy += half * weight[g] *
             (share * c.law.energy(overlap, size) + (1.0 - share) * 0.5 * lens_stiffness * overlap * overlap);
@@ -521,7 +527,7 @@ template <bool SPIN> void PairCapsule::add_forces()
       if (evflag) {
         touching += 1.0;
         length += contact.length;
-        closest = std::fmin(closest, contact.distance);
+        closest = std::min(closest, contact.distance);
         tally(A, B, contact, load);
       }
     }
