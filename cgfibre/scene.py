@@ -383,8 +383,8 @@ class Contact(_Table):
     """``[contact]``: between filaments.
 
     ``shape``: filaments touch along their segments (capsule, needs the plugin) or bead by bead. ``line_load`` is where
-    the secant stiffness of the line contact is taken; ``softening`` divides that stiffness; ``damping_ratio`` is that of
-    two beads or stretches on their contact.
+    the secant stiffness of the line contact is taken; ``softening`` divides that stiffness; ``damping_ratio`` is that
+    of two beads or stretches on their contact.
     """
 
     shape: Literal["auto", "capsule", "beads"] = "auto"
@@ -608,7 +608,8 @@ def _check_shape(scene: Scene) -> None:
     """Which laws go with which shape of contact."""
     shape, law, level = scene.contact.shape, scene.contact.law, scene.model.level
     if law == "hertz" and shape == "capsule":
-        raise _refusal("contact.law", law, "'auto', 'line' or 'hooke' with contact.shape = 'capsule': hertz is for beads")
+        expected = "'auto', 'line' or 'hooke' with contact.shape = 'capsule': hertz is for beads"
+        raise _refusal("contact.law", law, expected)
     if law == "line" and (shape == "beads" or level == "section"):
         where = "contact.shape = 'beads'" if shape == "beads" else "level = 'section'"
         raise _refusal("contact.law", law, f"'auto', 'hooke' or 'hertz' with {where}: the line law is for capsules")

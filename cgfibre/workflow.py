@@ -19,7 +19,8 @@ from cgfibre.build.system import FilamentSystem
 from cgfibre.engine.assemble import assemble
 from cgfibre.engine.collect import Extremes, read_run
 from cgfibre.engine.job import Note, Progress, Watch, is_finished, is_written, run_job, write_job
-from cgfibre.engine.lammps import engine_version, find_engine
+from cgfibre.engine.lammps import Engine, engine_version, find_engine
+from cgfibre.engine.plugin import find_plugin
 from cgfibre.errors import EngineError, InputError, StoreError
 from cgfibre.measure.guards import Guard
 from cgfibre.pictures import PICTURES, draw_all
@@ -28,7 +29,7 @@ from cgfibre.plan.model import Plan
 from cgfibre.plan.system import build_system
 from cgfibre.record import Curve, Frames
 from cgfibre.review import Review, quasi_static_from, review_run, speed_change
-from cgfibre.scene import Scene, load_scene
+from cgfibre.scene import Scene, load_scene, scene_from_dict
 
 #: files by which an existing run is recognised, and which --force removes
 RUN_FILES = ("scene.toml", "plan.json", "summary.json", "results.h5", "curve.csv", "log.lammps")
@@ -69,9 +70,29 @@ class RunResult:
         return self.review.ok
 
 
-def plan_scene(source: str | Path, overrides: Sequence[str] = ()) -> tuple[Scene, Plan]:
-    """Scene and plan of a TOML file or shipped scene; InputError says what is wrong with it."""
-    scene = load_scene(source, overrides)
+def _with_plugin_or_beads(scene: Scene, engine: Engine | None) -> Scene:
+    """The scene with contact.shape = "beads" where it leaves the choice and no plugin fits the engine."""
+    if scene.contact.shape != "auto" or scene.contact.law == "line":
+        return scene
+    try:
+        missing = find_plugin(engine or find_engine()) is None
+    except EngineError:
+        missing = True
+    if not missing:
+        return scene
+    data = scene.model_dump(exclude_none=True)
+    data["contact"]["shape"] = "beads"
+    return scene_from_dict(data)
+
+
+def plan_scene(
+    source: str | Path, overrides: Sequence[str] = (), engine: Engine | None = None
+) -> tuple[Scene, Plan]:
+    """Scene and plan of a TOML file or shipped scene for an engine (None: the default one).
+
+    Without a plugin for it filaments touch by their beads. InputError says what is wrong with the scene.
+    """
+    scene = _with_plugin_or_beads(load_scene(source, overrides), engine)
     plan = make_plan(scene)
     if plan.torsion == "dihedral":
         assemble(build_system(scene, plan), plan)  # refuses them on chains that are too straight as built
@@ -141,11 +162,11 @@ def run_scene(
     and kept). A result that a guard distrusts is returned all the same: see ``RunResult.trusted``.
     """
     begin = time.perf_counter()
-    scene, plan = plan_scene(source, overrides)
     if options.ranks < 1:
         raise InputError("--ranks", options.ranks, "1 or more")
     engine = find_engine(options.engine, options.launcher)
     engine.command(options.ranks)
+    scene, plan = plan_scene(source, overrides, engine)
     system = build_system(scene, plan)  # may refuse: before anything is written
     out = options.out
     wanted = certify.parts_of(plan) if options.certify else ("speed",) if scene.model.speed_check else ()

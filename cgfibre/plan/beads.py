@@ -184,8 +184,8 @@ def lay_beads(
     gaps = np.diff(stations)
     widest = np.maximum(np.append(gaps, gaps[-1]), np.insert(gaps, 0, gaps[0]))
     # one filament alone has no neighbours for its beads to miss
-    alone = scene.assembly.count == 1 or segments
-    reach = max(filament.diameter, spacing) if alone else filament.diameter
+    meets = scene.assembly.count == 1 or segments
+    reach = max(filament.diameter, spacing) if meets else filament.diameter
     role = np.where(widest <= reach * (1 + 1e-9), CONTACT, FREE)
     if support != "symmetry":
         held = 2 if support == "clamped" else 1
