@@ -133,6 +133,16 @@ def test_a_library_that_is_up_to_date_is_left_alone_even_without_a_compiler(sour
     assert there.library.stat().st_mtime_ns == stamp
 
 
+def test_a_library_that_does_not_load_is_built_again(sources):
+    """As one that came in a wheel from a newer system."""
+    there = plugins.find_plugin(find_engine())
+    there.library.write_bytes(b"of another system")
+    with pytest.raises(EngineError, match=r"did not load the plugin .*cgfibre_plugin\.so") as caught:
+        plugins.probe_plugin(find_engine(), there, 1)
+    assert "cgfibre plugin build" in caught.value.remedy
+    assert "on 1 of 1 ranks" in plugins.probe_plugin(find_engine(), plugins.build_plugin(), 1)
+
+
 def test_changed_sources_make_a_library_count_as_not_there_until_it_is_built_again(sources):
     engine = find_engine()
     with (sources / "about.cpp").open("a") as f:
@@ -285,9 +295,12 @@ def test_code_that_does_not_compile_gives_the_first_error_and_leaves_what_was_th
 # --- decks ----------------------------------------------------------------------------------------------------------
 
 
+BEADS = ("contact.shape=beads",)  # the core has no styles
+
+
 @pytest.fixture
 def loading(sources, tmp_path, monkeypatch):
-    """Templates whose chains load the plugin."""
+    """Templates whose chains of beads load the plugin."""
     folder = Path(shutil.copytree(decks.template_folder(), tmp_path / "templates"))
     text = (folder / "in.chain").read_text()
     (folder / "in.chain").write_text(text.replace("include         start.inc", "include plugin.inc\ninclude start.inc"))
@@ -300,7 +313,7 @@ def hashed(folder):
 
 
 def test_a_deck_that_loads_the_plugin_carries_it_and_runs_alone(loading, bench, tmp_path):
-    deck = workflow.build_scene(bench.scene, tmp_path / "run")
+    deck = workflow.build_scene(bench.scene, tmp_path / "run", BEADS)
     mine = plugins.find_plugin(find_engine())
     assert (deck / plugins.LIBRARY).read_bytes() == mine.library.read_bytes()
     assert {p.name for p in (deck / "plugin").iterdir()} == {p.name for p in plugins.source_files()} | {"Makefile"}
@@ -311,14 +324,14 @@ def test_a_deck_that_loads_the_plugin_carries_it_and_runs_alone(loading, bench, 
 
 
 def test_a_deck_that_does_not_load_the_plugin_is_as_before(sources, bench, tmp_path):
-    deck = workflow.build_scene(bench.scene, tmp_path / "run")
+    deck = workflow.build_scene(bench.scene, tmp_path / "run", BEADS)
     assert not {plugins.LIBRARY, plugins.RECORD, plugins.INCLUDE, "plugin"} & {p.name for p in deck.iterdir()}
     assert plugins.plugin_variables(deck, find_engine()) == {}
     assert "plugin" not in (deck / "README").read_text()
 
 
 def test_the_decks_makefile_compiles_the_plugin_as_its_readme_says(loading, bench, tmp_path):
-    deck = workflow.build_scene(bench.scene, tmp_path / "run")
+    deck = workflow.build_scene(bench.scene, tmp_path / "run", BEADS)
     (deck / plugins.LIBRARY).unlink()
     engine = find_engine()
     own = pretender(tmp_path, "")
@@ -338,21 +351,21 @@ def test_a_resumed_run_loads_the_decks_own_copy(loading, bench):
         workflow.run_scene(
             bench.scene,
             workflow.RunOptions(bench.folder / "run"),
-            ["model.speed_check=false"],
+            [*BEADS, "model.speed_check=false"],
             cancelled=lambda: (bench.folder / "run" / "deck" / "checkpoint.0").exists(),
         )
     with (plugins.SOURCES / "about.h").open("a") as f:
         f.write("// changed\n")
     assert plugins.build_plugin().sources != began.sources
-    result = bench.run("run", "model.speed_check=false", resume=True)
+    result = bench.run("run", *BEADS, "model.speed_check=false", resume=True)
     assert len(result.curve) > 2
     assert hashed(bench.folder / "run" / "deck") == [began.sources]
-    fresh = bench.run("fresh", "model.speed_check=false")
+    fresh = bench.run("fresh", *BEADS, "model.speed_check=false")
     assert hashed(fresh.out / "deck") == [plugins.source_hash()]
 
 
 def test_another_engine_gets_the_library_that_fits_it_or_the_run_says_what_to_do(loading, bench, tmp_path, monkeypatch):
-    scene, plan = workflow.plan_scene(bench.scene, ["platens.stop.displacement=0.1 um"])
+    scene, plan = workflow.plan_scene(bench.scene, [*BEADS, "platens.stop.displacement=0.1 um"])
     folder = write_job(tmp_path / "deck", workflow.build_system(scene, plan), plan, "about", find_engine())
     theirs = find_engine(str(pretender(tmp_path, "s/ - Update .*/ - Update 99/")))
     with pytest.raises(EngineError, match="none fits this engine") as caught:

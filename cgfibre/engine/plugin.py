@@ -16,6 +16,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from importlib.util import find_spec
@@ -203,23 +204,22 @@ class Build:
 
 
 def build_plugin(build: Build | None = None, note: Callable[[str], None] | None = None) -> Plugin:
-    """Compile the plugin, or return at once the library that is there and up to date.
+    """Compile the plugin, or return at once the library that is there, up to date and loads.
 
     It appears, with its record, once it has been loaded into the engine (where there is one to ask). Raises InputError
     when headers and engine do not belong together, NoCompilerError without a compiler, EngineError with the compiler's
     first error, or with what LAMMPS says when it does not load.
     """
     build = build or Build()
-    sources = source_hash()
-    if replace(build, engine=None, sanitize=False) == Build():
-        there = _up_to_date(build, _wheel_abi(), sources)
-        if there is not None and _engine(build) is None:
-            return there  # without asking for a compiler
+    if build.headers is None and build.mpi_include is None and _engine(build) is None:
+        there = _up_to_date(build, _wheel_abi())  # without asking for a compiler
+        if there is not None:
+            return there
     headers = _headers(build.headers)
     compiler = find_compiler()
     include = (*headers, *_mpi_include(build, headers))
     abi = _abi_of_headers(build, headers, include, compiler)
-    there = _up_to_date(build, abi, sources)
+    there = _up_to_date(build, abi)
     if there is not None:
         return there
     folder = build.out or _home() / _name(build, abi)
@@ -227,41 +227,56 @@ def build_plugin(build: Build | None = None, note: Callable[[str], None] | None 
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError("--out", str(folder), f"a folder that can be written ({error.strerror})") from error
+    sources = source_hash()
     if note:
         note(f"building for {abi} with {compiler.version}")
     defined = {"CGFIBRE_LAMMPS_VERSION": f'"{abi.version.split(" - ")[0]}"', "CGFIBRE_SOURCES": f'"{sources}"'}
     if abi.integers == "bigbig":
         defined["LAMMPS_BIGBIG"] = "1"
     code = tuple(p for p in source_files() if p.suffix == ".cpp")
-    host = _engine(build) or (wheel_engine() if abi == _wheel_abi() else None)
     with tempfile.TemporaryDirectory(dir=folder, prefix=".build-") as name:
         new = Path(name) / LIBRARY
         warnings = compile_library(compiler, Compilation(code, include, defined, build.sanitize), new, note)
         if warnings and note:
             note(warnings.rstrip())
         plugin = Plugin(new, abi, compiler.version, sources, build.sanitize, warnings)
-        if host is not None:
-            probe_plugin(sanitized(host) if build.sanitize else host, plugin, 1)
-        record = {k: v for k, v in asdict(plugin).items() if k != "library"}
-        (Path(name) / RECORD).write_text(json.dumps(record, indent=2) + "\n")
-        # the old record must not vouch for the new library, nor the new record for the old one
-        (folder / RECORD).unlink(missing_ok=True)
-        os.replace(new, folder / LIBRARY)
-        os.replace(Path(name) / RECORD, folder / RECORD)
+        _load(build, plugin)
+        _install(plugin, folder)
     return replace(plugin, library=folder / LIBRARY)
+
+
+def _load(build: Build, plugin: Plugin) -> None:
+    """Load ``plugin`` into the engine that it is for, where there is one here; EngineError when that fails."""
+    host = _engine(build) or (wheel_engine() if plugin.abi == _wheel_abi() else None)
+    if host is not None:
+        probe_plugin(sanitized(host) if plugin.sanitize else host, plugin, 1)
+
+
+def _install(plugin: Plugin, folder: Path) -> None:
+    """Move ``plugin`` into ``folder``, with a record beside it."""
+    record = plugin.library.with_name(RECORD)
+    values = {k: v for k, v in asdict(plugin).items() if k != "library"}
+    record.write_text(json.dumps(values, indent=2) + "\n")
+    # the old record must not vouch for the new library, nor the new record for the old one
+    (folder / RECORD).unlink(missing_ok=True)
+    os.replace(plugin.library, folder / LIBRARY)
+    os.replace(record, folder / RECORD)
 
 
 def _name(build: Build, abi: Abi) -> str:
     return abi.key + ("-sanitize" if build.sanitize else "")
 
 
-def _up_to_date(build: Build, abi: Abi | None, sources: str) -> Plugin | None:
-    """The library that ``build`` would make, if it is there already."""
+def _up_to_date(build: Build, abi: Abi | None) -> Plugin | None:
+    """The library that ``build`` would make, if it is there already and loads (one made elsewhere may not)."""
     if abi is None or build.out is not None:
         return None
     for home in _homes():
         plugin = _read(home / _name(build, abi))
-        if plugin is not None and (plugin.abi, plugin.sources, plugin.sanitize) == (abi, sources, build.sanitize):
+        if plugin is None or (plugin.abi, plugin.sources, plugin.sanitize) != (abi, source_hash(), build.sanitize):
+            continue
+        with suppress(EngineError):
+            _load(build, plugin)
             return plugin
     return None
 
