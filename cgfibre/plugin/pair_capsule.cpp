@@ -445,8 +445,8 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
     for (int d = 0; d < 3; d++) slide[d] -= normal_speed * n[d];
 
     const FrictionSpring spring{c.tangential * stiffness, c.sliding * c.damping * out.length,
-                                c.friction.limit(out.cosine, h[3] != 0.0) * sum,
-                                c.friction.limit(out.cosine, true) * sum};
+                                c.friction.limit(out.cosine, h[3] != 0.0) * push,
+                                c.friction.limit(out.cosine, true) * push};
     double T[3];
     out.slipping = pull(spring, n, slide, update->dt, h, advance, T);
 
