@@ -28,11 +28,19 @@ SCENE = {
     "filament": {"material": "T700 carbon"},
     "assembly": {"count": 1, "length": "0.7 mm"},
     "platens": {"stop": {"displacement": "1 um"}, "friction": 0.0},
+    "contact": {"shape": "beads"},
 }
+#: what a level's name ends with where filaments touch along their segments
+CAPSULES = ", capsules"
+
+
+def deck_level(level: str) -> str:
+    """Level of the deck: "chain" of "chain, capsules"."""
+    return level.removesuffix(CAPSULES)
 
 
 def scene(changes: Mapping[str, object]) -> Scene:
-    """SCENE with dotted keys set."""
+    """SCENE with dotted keys set; the level "chain, capsules" is a chain with contact.shape = "capsule"."""
     data: dict[str, Any] = copy.deepcopy(SCENE)
     for key, value in changes.items():
         *parents, last = key.split(".")
@@ -41,6 +49,10 @@ def scene(changes: Mapping[str, object]) -> Scene:
             table = table.setdefault(parent, {})
         table[last] = value
     model = data.setdefault("model", {})
+    level = str(model.get("level", ""))
+    if level.endswith(CAPSULES):
+        model["level"] = deck_level(level)
+        data["contact"]["shape"] = "capsule"
     if model.get("level") != "section":  # commands of experiments speak of both ends
         model.setdefault("symmetry", "none")
         if "spacing" not in model:

@@ -357,7 +357,7 @@ void FixWallCapsule::push(const Filament &s, const Stretch &stretch, double *h, 
     }
     for (int d = 0; d < 3; d++) slide[d] -= into * n[d];
     const FrictionSpring spring{tangential * stiffness, sliding * damping * 2 * half,
-                                friction.limit(1.0, h[3] != 0.0) * sum, friction.limit(1.0, true) * sum};
+                                friction.limit(1.0, h[3] != 0.0) * size_n, friction.limit(1.0, true) * size_n};
     double T[3];
     pull(spring, n, slide, update->dt, h, advance, T);
     cross(arm, T, couple);

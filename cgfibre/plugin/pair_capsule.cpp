@@ -40,14 +40,14 @@ void across(const double *u, const double *v, double *n)
   for (int d = 0; d < 3; d++) n[d] /= size;
 }
 
-// the part of [lo, hi] where alpha + beta s >= 0
-inline void keep(double alpha, double beta, double &lo, double &hi)
+// the part of [lo, hi] where alpha + beta s >= 0; `edge`: whether a stretch that lies in the plane belongs to it
+inline void keep(double alpha, double beta, bool edge, double &lo, double &hi)
 {
   if (beta > 0.0)
     lo = std::max(lo, -alpha / beta);
   else if (beta < 0.0)
     hi = std::min(hi, -alpha / beta);
-  else if (alpha < 0.0)
+  else if (alpha < 0.0 || (alpha == 0.0 && !edge))
     hi = -1.0;
 }
 
@@ -294,6 +294,7 @@ void PairCapsule::place_segments()
     double other[3];
     for (int d = 0; d < 3; d++) {
       s.x[d] = x[s.first][d];
+      s.y[d] = x[s.second][d];
       s.v[d] = v[s.first][d];
       s.dv[d] = v[s.second][d] - v[s.first][d];
       s.before[d] = s.after[d] = s.t[d];
@@ -316,12 +317,12 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
   double w[3], end[3], p0[3], m[3];
   for (int d = 0; d < 3; d++) {
     w[d] = A.x[d] - B.x[d];
-    end[d] = w[d] - B.length * B.t[d];
+    end[d] = A.x[d] - B.y[d];
   }
   // between B's end planes; most candidates end here, next to a neighbour's segment
   const double behind = dot(w, B.before), ahead = -dot(end, B.after);
   const double gain = dot(A.t, B.before), loss = -dot(A.t, B.after);
-  if ((behind <= 0.0 && behind + gain * hi <= 0.0) || (ahead <= 0.0 && ahead + loss * hi <= 0.0)) return false;
+  if ((behind < 0.0 && behind + gain * hi < 0.0) || (ahead < 0.0 && ahead + loss * hi < 0.0)) return false;
 
   const double b = dot(A.t, B.t), e = dot(w, B.t);
   for (int d = 0; d < 3; d++) {
@@ -337,8 +338,8 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
   const double s1 = q / M, s2 = C / q;
   lo = std::max(lo, std::min(s1, s2));
   hi = std::min(hi, std::max(s1, s2));
-  keep(behind, gain, lo, hi);
-  keep(ahead, loss, lo, hi);
+  keep(behind, gain, true, lo, hi);
+  keep(ahead, loss, B.following < 0, lo, hi);
   if (!(hi - lo > SLIVER * A.length)) return false;
 
   const double half = 0.5 * (hi - lo), middle = 0.5 * (hi + lo);
@@ -445,8 +446,8 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
     for (int d = 0; d < 3; d++) slide[d] -= normal_speed * n[d];
 
     const FrictionSpring spring{c.tangential * stiffness, c.sliding * c.damping * out.length,
-                                c.friction.limit(out.cosine, h[3] != 0.0) * sum,
-                                c.friction.limit(out.cosine, true) * sum};
+                                c.friction.limit(out.cosine, h[3] != 0.0) * push,
+                                c.friction.limit(out.cosine, true) * push};
     double T[3];
     out.slipping = pull(spring, n, slide, update->dt, h, advance, T);
 
@@ -499,6 +500,36 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
   return true;
 }
 
+// A contact that begins where one with the segment before or behind has just ended goes on with its history: a filament
+// that crosses another at a right angle passes from segment to segment at once.
+template <bool SPIN> bool PairCapsule::inherit(size_t m, int k)
+{
+  const Segment &A = segments[masters[m]], &B = segments[partners[k]];
+  double *h = &history[(size_t) k * HISTORY];
+  const auto next_to = [&](int other) {
+    const Segment &O = segments[other];
+    return O.second == B.first || O.first == B.second;
+  };
+  for (const Ended &one : lost)
+    if (next_to(one.segment)) {
+      std::copy(one.history, one.history + HISTORY, h);
+      return true;
+    }
+  for (int j = k + 1; j < rows[m + 1]; j++) {
+    double *theirs = &history[(size_t) j * HISTORY];
+    if ((theirs[0] == 0.0 && theirs[1] == 0.0 && theirs[2] == 0.0) || !next_to(partners[j])) continue;
+    const Segment &O = segments[partners[j]];
+    double kept[HISTORY];
+    std::copy(theirs, theirs + HISTORY, kept);
+    CapsuleContact contact;
+    Load load;
+    if (touch<SPIN>(A, O, of_types(atom->type[A.first], atom->type[O.first]), kept, false, false, contact, load)) continue;
+    std::copy(theirs, theirs + HISTORY, h);
+    return true;
+  }
+  return false;
+}
+
 template <bool SPIN> void PairCapsule::add_forces()
 {
   double **f = atom->f, **torque = atom->torque;
@@ -509,14 +540,22 @@ template <bool SPIN> void PairCapsule::add_forces()
   Load load;
   for (size_t m = 0; m < masters.size(); m++) {
     const Segment &A = segments[masters[m]];
+    lost.clear();
     for (int k = rows[m]; k < rows[m + 1]; k++) {
       const Segment &B = segments[partners[k]];
+      const Coefficients &c = of_types(type[A.first], type[B.first]);
       double *h = &history[(size_t) k * HISTORY];
-      if (!touch<SPIN>(A, B, of_types(type[A.first], type[B.first]), h, advance, energy, contact, load)) {
-        if (advance)
-          for (int n = 0; n < 4; n++) h[n] = 0.0;
+      const bool fresh = h[0] == 0.0 && h[1] == 0.0 && h[2] == 0.0;
+      if (!touch<SPIN>(A, B, c, h, advance, energy, contact, load)) {
+        if (advance && !fresh) {
+          lost.push_back({partners[k]});
+          std::copy(h, h + HISTORY, lost.back().history);
+          std::fill(h, h + 4, 0.0);
+        }
         continue;
       }
+      if (advance && fresh && contact.normal > 0.0 && inherit<SPIN>(m, k))
+        touch<SPIN>(A, B, c, h, advance, energy, contact, load);
       const int beads[4] = {A.first, A.second, B.first, B.second};
       for (int n = 0; n < 4; n++) {
         double *F = f[beads[n]];

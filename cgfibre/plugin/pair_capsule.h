@@ -71,13 +71,18 @@ class PairCapsule : public LAMMPS_NS::Pair, public HistoryOwner {
     bool given = false;
   };
   struct Segment {
-    double x[3], t[3], length, inverse, radius;
+    double x[3], y[3], t[3], length, inverse, radius;    // first and second bead, from the one to the other
     double v[3], dv[3];           // velocity at the first bead, and from the first to the second
     double before[3], after[3];   // normals of the planes at its ends
     int first, second, previous, following;
   };
   struct Load {    // on the four beads, and couples for rods
     double force[4][3], torque[4][3];
+  };
+
+  struct Ended {    // a contact that has just ended
+    int segment;
+    double history[HISTORY];
   };
 
   double reach;    // longest segment that touches, um
@@ -92,6 +97,7 @@ class PairCapsule : public LAMMPS_NS::Pair, public HistoryOwner {
   std::vector<int> partners;
   std::vector<double> history;        // HISTORY values a partner
   std::vector<SearchSegment> near;
+  std::vector<Ended> lost;    // of one row in this step
   std::unordered_map<LAMMPS_NS::tagint, int> row_of;    // by the first bead's tag
   SegmentSearch search;
   bool stale;    // neighbour lists are new: pairs have to be found again
@@ -106,6 +112,7 @@ class PairCapsule : public LAMMPS_NS::Pair, public HistoryOwner {
   void place_segments();
   template <bool SPIN>
   bool touch(const Segment &, const Segment &, const Coefficients &, double *, bool, bool, CapsuleContact &, Load &) const;
+  template <bool SPIN> bool inherit(std::size_t, int);
   template <bool SPIN> void add_forces();
   bool look(int, int, CapsuleContact &);
   void tally(const Segment &, const Segment &, const CapsuleContact &, const Load &);
