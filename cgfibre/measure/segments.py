@@ -120,7 +120,9 @@ def segment_contacts(
     length = np.linalg.norm(s.vector, axis=1)
     unit = s.vector / length[:, None]
     before, after = _end_planes(system, s, unit)
-    takes_part = np.ones(len(length), bool) if touching is None else touching[s.bonds].all(axis=1)
+    takes_part = np.ones(len(length), bool)
+    if touching is not None:
+        takes_part = touching[s.bonds[:, 0]] & touching[s.bonds[:, 1]]
     found: list[tuple[np.ndarray, ...]] = []
     for one, other in near_pairs(s, 2 * float(radius.max(initial=0.0))):
         keep = takes_part[one] & takes_part[other]
@@ -157,14 +159,14 @@ def segment_contacts(
         force = sum(half * law(np.maximum(overlap(middle + g * half), 0.0)) for g in (-GAUSS, GAUSS))
         x = s.start[a][:, 0] + middle * t[:, 0]
         found.append((a[hit], b[hit], overlap(middle)[hit], np.asarray(force)[hit], x[hit]))
-    a, b, depth, force, x = (np.concatenate(c) for c in zip(*found, strict=True)) if found else (np.zeros(0),) * 5
-    a, b = a.astype(np.int64), b.astype(np.int64)
+    columns = [np.concatenate(c) for c in zip(*found, strict=True)] if found else [np.zeros(0)] * 5
+    pair = np.column_stack(columns[:2]).astype(np.int64)
+    depth, force, x = columns[2:]
     # slabs overlap: a pair may have come twice
-    _, once = np.unique(np.column_stack([a, b]), axis=0, return_index=True)
-    a, b = a[once], b[once]
+    pair, once = np.unique(pair, axis=0, return_index=True)
     return Contacts(
-        beads=np.column_stack([s.bonds[a, 0], s.bonds[b, 0]]),
-        filaments=np.column_stack([s.filament[a], s.filament[b]]),
+        beads=s.bonds[pair, 0],
+        filaments=s.filament[pair],
         overlap=depth[once],
         force=force[once],
         x=x[once],

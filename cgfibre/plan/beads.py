@@ -159,8 +159,8 @@ def lay_beads(
         # one segment more between the anchors about mid-span: the plane of symmetry halves no bead
         inner = np.array([x for x in (0.0, length, *anchors, *(spec.zone or ()))])
         lo, hi = np.max(inner[inner < length / 2]), np.min(inner[inner > length / 2])
-        segments = np.count_nonzero((stations > lo - 1e-9) & (stations < hi + 1e-9)) - 1
-        stations = lay_stations(replace(spec, fine=float(hi - lo) / (segments + 1) * (1 + 1e-9)))
+        count = np.count_nonzero((stations > lo - 1e-9) & (stations < hi + 1e-9)) - 1
+        stations = lay_stations(replace(spec, fine=float(hi - lo) / (count + 1) * (1 + 1e-9)))
     support = scene.ends.support
     if far_field == "condensed":
         inside = (stations >= zone[0] - 1e-9) & (stations <= zone[1] + 1e-9)
