@@ -84,6 +84,7 @@ def run(
 ) -> None:
     """Plan, build, run, measure and plot SCENE (a TOML file or the name of a shipped scene)."""
     from cgfibre import workflow
+    from cgfibre.engine.lammps import find_engine
     from cgfibre.report import RunProgress, print_plan, print_result
 
     if level is not None:
@@ -92,7 +93,9 @@ def run(
     if quiet:
         result = workflow.run_scene(scene, options, overrides)
     else:
-        print_plan(*workflow.plan_scene(scene, overrides), brief=True)
+        begun = options.out / "scene.toml" if resume else None
+        planned = workflow.plan_scene(scene, overrides, find_engine(engine, launcher), begun)
+        print_plan(*planned, brief=True)
         with RunProgress() as progress:
             result = workflow.run_scene(scene, options, overrides, progress.update, progress.note)
     print_result(result)

@@ -70,14 +70,20 @@ class RunResult:
         return self.review.ok
 
 
-def _with_plugin_or_beads(scene: Scene, engine: Engine | None) -> Scene:
-    """The scene with contact.shape = "beads" where it leaves the choice and no plugin fits the engine."""
+def _with_plugin_or_beads(scene: Scene, engine: Engine | None, begun: Path | None) -> Scene:
+    """The scene with contact.shape = "beads" where it leaves the choice and no plugin fits the engine.
+
+    A run goes on as it was ``begun`` (its scene.toml), whatever has become of the plugin since: its deck has its own.
+    """
     if scene.contact.shape != "auto" or scene.contact.law == "line":
         return scene
-    try:
-        missing = find_plugin(engine or find_engine()) is None
-    except EngineError:
-        missing = True
+    if begun is not None and begun.exists():
+        missing = load_scene(begun).contact.shape == "beads"
+    else:
+        try:
+            missing = find_plugin(engine or find_engine()) is None
+        except EngineError:
+            missing = True
     if not missing:
         return scene
     data = scene.model_dump(exclude_none=True)
@@ -86,13 +92,14 @@ def _with_plugin_or_beads(scene: Scene, engine: Engine | None) -> Scene:
 
 
 def plan_scene(
-    source: str | Path, overrides: Sequence[str] = (), engine: Engine | None = None
+    source: str | Path, overrides: Sequence[str] = (), engine: Engine | None = None, begun: Path | None = None
 ) -> tuple[Scene, Plan]:
     """Scene and plan of a TOML file or shipped scene for an engine (None: the default one).
 
-    Without a plugin for it filaments touch by their beads. InputError says what is wrong with the scene.
+    Without a plugin for it filaments touch by their beads; those of a run that goes on touch as it was ``begun`` (its
+    scene.toml). InputError says what is wrong with the scene.
     """
-    scene = _with_plugin_or_beads(load_scene(source, overrides), engine)
+    scene = _with_plugin_or_beads(load_scene(source, overrides), engine, begun)
     plan = make_plan(scene)
     if plan.torsion == "dihedral":
         assemble(build_system(scene, plan), plan)  # refuses them on chains that are too straight as built
@@ -166,9 +173,9 @@ def run_scene(
         raise InputError("--ranks", options.ranks, "1 or more")
     engine = find_engine(options.engine, options.launcher)
     engine.command(options.ranks)
-    scene, plan = plan_scene(source, overrides, engine)
-    system = build_system(scene, plan)  # may refuse: before anything is written
     out = options.out
+    scene, plan = plan_scene(source, overrides, engine, out / "scene.toml" if options.resume else None)
+    system = build_system(scene, plan)  # may refuse: before anything is written
     wanted = certify.parts_of(plan) if options.certify else ("speed",) if scene.model.speed_check else ()
     finer = [certify.finer_run(part, scene, plan, system) for part in wanted]
     if options.resume:

@@ -364,6 +364,25 @@ def test_a_resumed_run_loads_the_decks_own_copy(loading, bench):
     assert hashed(fresh.out / "deck") == [plugins.source_hash()]
 
 
+@pytest.mark.parametrize("begun_with", ["the plugin", "beads"])
+def test_a_run_goes_on_as_it_began_when_the_plugin_comes_or_goes(bench, tmp_path, monkeypatch, begun_with):
+    monkeypatch.delenv("CGFIBRE_LMP", raising=False)
+    plugins.build_plugin()
+    homes = {"the plugin": plugins._homes(), "beads": [tmp_path / "none", tmp_path / "none either"]}
+    options = workflow.RunOptions(bench.folder / "run", pictures=False)
+    checkpoint = options.out / "deck" / "checkpoint.0"
+    quick = ["model.speed_check=false"]
+    monkeypatch.setattr(plugins, "_homes", lambda: homes[begun_with])
+    with pytest.raises(EngineError, match="given up"):
+        workflow.run_scene(bench.scene, options, quick, cancelled=checkpoint.exists)
+    homes[begun_with] = homes["beads" if begun_with == "the plugin" else "the plugin"]
+    result = workflow.run_scene(bench.scene, replace(options, resume=True), quick)
+    assert len(result.curve) > 2
+    assert bool(hashed(options.out / "deck")) == (begun_with == "the plugin")
+    other, _ = workflow.plan_scene(bench.scene, quick)
+    assert (other.contact.shape == "beads") == (begun_with == "the plugin")
+
+
 def test_another_engine_gets_the_library_that_fits_it_or_the_run_says_what_to_do(loading, bench, tmp_path, monkeypatch):
     scene, plan = workflow.plan_scene(bench.scene, [*BEADS, "platens.stop.displacement=0.1 um"])
     folder = write_job(tmp_path / "deck", workflow.build_system(scene, plan), plan, "about", find_engine())
