@@ -354,15 +354,16 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
       deepest * (2 * D - deepest) < M * LONG_LENS * LONG_LENS * harmonic * harmonic) {
     const double lens = std::sqrt(deepest * (2 * D - deepest) / M);    // half width, of the whole lens
     share = line_share(lens / harmonic);
-    const double hertz = c.law.modulus() * std::sqrt(harmonic) *
-        hertz_shape(M * harmonic * harmonic / (A.radius * B.radius)) * deepest * std::sqrt(deepest);
-    const double nearest2 = (D - deepest) * (D - deepest);
-    lens_stiffness = hertz / (2 * lens * (D - std::sqrt(nearest2 + (D * D - nearest2) / 3)));
+    // Hertz' force over the lens' area, with the powers of a vanishing overlap taken out of it
+    const double lens2 = deepest * (2 * D - deepest), open = 2 * D - deepest;
+    lens_stiffness = 0.75 * c.law.modulus() * std::sqrt(harmonic * M / (open * open * open)) *
+        hertz_shape(M * harmonic * harmonic / (A.radius * B.radius)) * (D + std::sqrt(D * D - 2.0 / 3.0 * lens2));
   }
 
   double sum = 0.0, stiffness = 0.0, at = 0.0, n[3] = {0.0, 0.0, 0.0};
   double least = D;
   memset(load.force, 0, sizeof load.force);
+  if (SPIN) memset(load.torque, 0, sizeof load.torque);
   for (int g = 0; g < 2; g++) {
     const double s = middle + (g ? GAUSS : -GAUSS) * half, along = e + b * s;
     double way[3], distance2 = 0.0;
