@@ -413,13 +413,13 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
     for (int d = 0; d < 3; d++) n[d] /= push;
     const double s = at / sum, along = e + b * s;
     const double xi = s * A.inverse, eta = along * B.inverse;
-    const double distance = std::sqrt(std::max(0.0, C + D * D + s * (2 * Q + s * M)));
-    // from the axes to the point where the surfaces touch
-    const double rA = -distance * A.radius / D, rB = distance * B.radius / D;
+    // from the axes to the point where the surfaces touch, along the line between them: it takes no angular momentum
+    const double rA = -A.radius / D, rB = B.radius / D;
     double slide[3], armA[3], armB[3], turnA[3], turnB[3];
     for (int d = 0; d < 3; d++) {
-      armA[d] = rA * n[d];
-      armB[d] = rB * n[d];
+      const double way = p0[d] + s * m[d];
+      armA[d] = rA * way;
+      armB[d] = rB * way;
       slide[d] = A.v[d] + xi * A.dv[d] - B.v[d] - eta * B.dv[d];
     }
     if (SPIN) {
