@@ -147,8 +147,6 @@ void PairCapsule::init_style()
 {
   if (!atom->radius_flag) error->all(FLERR, "pair_style capsule needs the radius of every bead (atom_style sphere)");
   if (!force->newton_pair) error->all(FLERR, "pair_style capsule needs newton on for pairs");
-  if (comm->get_comm_cutoff() == 0.0 && comm->nprocs > 1 && comm->me == 0)
-    error->warning(FLERR, "pair_style capsule: set comm_modify cutoff to 3 segments and a diameter at least");
   chain = FixSegments::of(lmp);
   // there must be a box first
   if (!store) store = FixHistory::create(lmp, "CGFIBRE_CAPSULE", HISTORY, this);
