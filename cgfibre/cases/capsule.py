@@ -23,6 +23,8 @@ from cgfibre.plan.model import Plan
 R = D / 2
 #: nothing moves but what an experiment moves, and no support takes force off an end bead
 HELD = ("unfix integrate", "unfix hold_left", "unfix hold_right")
+#: contacts as stiff as they are
+REAL = {"contact.softening": 1.0}
 #: of the two points in which the plugin takes the force along a touching stretch
 GAUSS = 1 / math.sqrt(3)
 
@@ -43,7 +45,7 @@ def posed(
     level: str, spacing: float, shapes: Sequence[FloatArray], changes: Mapping[str, object] | None = None
 ) -> tuple[Plan, FilamentSystem]:
     """Plan and system of filaments through these beads, (n, 3) um each, all of as many segments of ``spacing`` D."""
-    plan, one = filament(level, spacing, (len(shapes[0]) - 1) * spacing, changes)
+    plan, one = filament(level, spacing, (len(shapes[0]) - 1) * spacing, REAL | dict(changes or {}))
     centres = np.array([[0.0, 2 * D * k] for k in range(len(shapes))])
     spec = BundleSpec(one.types[0], centres, plan.beads.stations)
     system = build_bundle(spec, np.random.default_rng(0))

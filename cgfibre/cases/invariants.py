@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from cgfibre.build.bundle import BundleSpec, build_bundle
 from cgfibre.build.system import FilamentSystem, FilamentType, FloatArray
-from cgfibre.cases.experiment import Measured, moved, pressed_at, run
+from cgfibre.cases.experiment import Measured, deck_level, moved, pressed_at, run
 from cgfibre.cases.rods import AWAY, D, arc, at_rest, bead_at, cantilever_frequency, filament, free_right_end
 from cgfibre.mechanics import rod
 from cgfibre.plan.model import Plan
@@ -95,9 +95,10 @@ def momentum(folder: Path, level: str, spacing: float) -> list[Measured]:
     angular momentum after over before, as largest change over the sum of magnitudes.
 
     Chains have no friction here: beads that do not spin take up no torque, so their friction keeps linear momentum
-    alone.
+    alone (segments: what would turn them about their axis is lost).
     """
-    friction = 0.3 if level == "rod" else 0.0
+    rods = deck_level(level) == "rod"
+    friction = 0.3 if rods else 0.0
     plan, one = filament(level, spacing, 16.0, {"ends.support": "clamped", "contact.friction": friction})
     stations = plan.beads.stations
     centres = np.array([[0.0, 0.0], [0.0, D]])
@@ -109,7 +110,7 @@ def momentum(folder: Path, level: str, spacing: float) -> list[Measured]:
     reach = float(np.ptp(stations)) + 4 * D
     system = replace(both, positions=points, box=np.array([[-reach, 2 * reach], [-reach, reach], [-reach, reach]]))
     free = ["unfix hold_left", "unfix hold_right"]
-    if level == "rod":
+    if rods:
         free += ["unfix slide", "unfix integrate", "fix integrate all nve/bpm/sphere"]
     columns = "id mass x y z vx vy vz omegax omegay omegaz"
     steps = 4000

@@ -147,8 +147,6 @@ void PairCapsule::init_style()
 {
   if (!atom->radius_flag) error->all(FLERR, "pair_style capsule needs the radius of every bead (atom_style sphere)");
   if (!force->newton_pair) error->all(FLERR, "pair_style capsule needs newton on for pairs");
-  if (comm->get_comm_cutoff() == 0.0 && comm->nprocs > 1 && comm->me == 0)
-    error->warning(FLERR, "pair_style capsule: set comm_modify cutoff to 3 segments and a diameter at least");
   chain = FixSegments::of(lmp);
   // there must be a box first
   if (!store) store = FixHistory::create(lmp, "CGFIBRE_CAPSULE", HISTORY, this);
@@ -354,15 +352,16 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
       deepest * (2 * D - deepest) < M * LONG_LENS * LONG_LENS * harmonic * harmonic) {
     const double lens = std::sqrt(deepest * (2 * D - deepest) / M);    // half width, of the whole lens
     share = line_share(lens / harmonic);
-    const double hertz = c.law.modulus() * std::sqrt(harmonic) *
-        hertz_shape(M * harmonic * harmonic / (A.radius * B.radius)) * deepest * std::sqrt(deepest);
-    const double nearest2 = (D - deepest) * (D - deepest);
-    lens_stiffness = hertz / (2 * lens * (D - std::sqrt(nearest2 + (D * D - nearest2) / 3)));
+    // Hertz' force over the lens' area, with the powers of a vanishing overlap taken out of it
+    const double lens2 = deepest * (2 * D - deepest), open = 2 * D - deepest;
+    lens_stiffness = 0.75 * c.law.modulus() * std::sqrt(harmonic * M / (open * open * open)) *
+        hertz_shape(M * harmonic * harmonic / (A.radius * B.radius)) * (D + std::sqrt(D * D - 2.0 / 3.0 * lens2));
   }
 
   double sum = 0.0, stiffness = 0.0, at = 0.0, n[3] = {0.0, 0.0, 0.0};
   double least = D;
   memset(load.force, 0, sizeof load.force);
+  if (SPIN) memset(load.torque, 0, sizeof load.torque);
   for (int g = 0; g < 2; g++) {
     const double s = middle + (g ? GAUSS : -GAUSS) * half, along = e + b * s;
     double way[3], distance2 = 0.0;
@@ -412,13 +411,13 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
     for (int d = 0; d < 3; d++) n[d] /= push;
     const double s = at / sum, along = e + b * s;
     const double xi = s * A.inverse, eta = along * B.inverse;
-    const double distance = std::sqrt(std::max(0.0, C + D * D + s * (2 * Q + s * M)));
-    // from the axes to the point where the surfaces touch
-    const double rA = -distance * A.radius / D, rB = distance * B.radius / D;
+    // from the axes to the point where the surfaces touch, along the line between them: it takes no angular momentum
+    const double rA = -A.radius / D, rB = B.radius / D;
     double slide[3], armA[3], armB[3], turnA[3], turnB[3];
     for (int d = 0; d < 3; d++) {
-      armA[d] = rA * n[d];
-      armB[d] = rB * n[d];
+      const double way = p0[d] + s * m[d];
+      armA[d] = rA * way;
+      armB[d] = rB * way;
       slide[d] = A.v[d] + xi * A.dv[d] - B.v[d] - eta * B.dv[d];
     }
     if (SPIN) {
