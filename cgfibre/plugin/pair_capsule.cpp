@@ -547,7 +547,7 @@ template <bool SPIN> void PairCapsule::add_forces()
       const bool fresh = h[0] == 0.0 && h[1] == 0.0 && h[2] == 0.0;
       if (!touch<SPIN>(A, B, c, h, advance, energy, contact, load)) {
         if (advance && !fresh) {
-          lost.push_back({partners[k]});
+          lost.push_back({partners[k], {}});
           std::copy(h, h + HISTORY, lost.back().history);
           std::fill(h, h + 4, 0.0);
         }
