@@ -13,11 +13,13 @@ class FixHistory;
 // A pair style whose contacts remember something.
 class HistoryOwner {
  public:
-  virtual ~HistoryOwner() = default;
   // add() every contact that has a history to `store`, under an owned atom and its partner's tag
   virtual void deposit(FixHistory &store) = 0;
   // a new neighbour list is there: find() the histories of its pairs in `store`
   virtual void restore(const FixHistory &store) = 0;
+
+ protected:
+  ~HistoryOwner() = default;
 };
 
 // fix ID all CGFIBRE/HISTORY n
