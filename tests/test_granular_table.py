@@ -1,4 +1,4 @@
-"""Discs, spheres and walls with a tabulated normal force, in the engine: pair granular/table, fix wall/granular/table."""
+"""Discs, spheres and walls with a tabulated normal force in the engine: pair and fix wall granular/table."""
 
 import math
 import re
@@ -143,7 +143,7 @@ def end(columns):
 
 
 def pair_deck(law, path, steps, dt=0.01, radii=(RADIUS, RADIUS), columns=""):
-    """Disc 1 held at the origin, disc 2 led along ``path`` (variables dx, dy of time from the place where they touch)."""
+    """Disc 1 held at the origin, disc 2 led along ``path``, variables dx, dy (from touching), vx, vy."""
     reach = sum(radii)
     return (
         head()
@@ -474,6 +474,41 @@ def test_no_path_makes_energy(decks, law, spring):
     # nothing is kept by a contact that opened: what was spent since the last opening was friction and loops
     open_now = np.flatnonzero(out["f_wall[4]"][1:] == 0)
     assert np.all(np.diff(total[open_now]) > -1e-3 * total.max())
+
+
+def test_no_branch_lies_above_the_loading_curve(decks):
+    """A loading curve that softens to the reference and stiffens beyond: the scaled shape alone would lie above it."""
+    load = np.array([[0, 0], [0.2, 100], [0.8, 200], [1.0, 800]], dtype=float)
+    unload = np.array([[0.05, 0], [0.3, 90], [0.8, 200]], dtype=float)
+    (decks.folder / "tables.txt").write_text(section("LOAD", load) + section("UNLOAD", unload))
+    path, velocity, steps = zigzag(0.2, -1.0, 0.05)
+    out = decks.run(pair_deck(BOTH, led(dx=path, vx=velocity), steps))
+    overlap = 2 * RADIUS - out["v_px"]
+    scaled = 800 * Curve(unload)(0.8 * overlap) / 200
+    back = (np.arange(len(overlap)) > np.argmax(overlap)) & (overlap > 0)
+    np.testing.assert_allclose(out["v_fx"][back], np.minimum(Curve(load)(overlap), scaled)[back], rtol=1e-9, atol=1e-7)
+    assert np.sum((scaled > Curve(load)(overlap))[back]) > 100
+
+
+@pytest.mark.parametrize("spring", ["ratio 0.8", "stiffness 200"])
+def test_a_spring_that_softens_gives_nothing_back(decks, spring):
+    """Sheared while pressed hard, let go while pressed softly, five times: the tangential work stays positive."""
+    points = [(0.0, -0.8)] + 5 * [(0.075, -0.8), (0.075, -0.5), (-0.133, -0.5), (-0.133, -0.8), (0.0, -0.8)]
+    time, x, y, vx, vy, before = 0.0, "0", "0", "0", "0", (0.0, 0.0)
+    for point in points:
+        span = 0.01 * max(2, round(max(abs(point[0] - before[0]), abs(point[1] - before[1])) / 0.002))
+        leg = f"(time>={time!r}&&time<{time + span!r})"
+        x, y = (
+            a + f"+{leg}*({b!r}+{(c - b) / span!r}*(time-{time!r}))"
+            for a, b, c in zip((x, y), before, point, strict=True)
+        )
+        vx, vy = (a + f"+{leg}*{(c - b) / span!r}" for a, b, c in zip((vx, vy), before, point, strict=True))
+        time, before = time + span, point
+    law = f"{TABLES} friction 0.4 tangential {spring}"
+    out = decks.run(wall_deck("plane y 0 lo", law, led(x, y, vx, vy), round(time / 0.01) - 1))
+    tangential = np.cumsum((out["v_tx"][1:] + out["v_tx"][:-1]) / -2 * np.diff(out["v_px"]))
+    assert tangential.max() > 0.4
+    assert tangential.min() > -1e-3
 
 
 # --- many bodies -----------------------------------------------------------------------------------------------------
