@@ -9,11 +9,16 @@ BIN := .venv/bin
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e .
 	touch $@
 
-.venv/.dev: .venv/.run
+# no more than a look where the sources have not changed; without a compiler everything works with beads
+.venv/.plugin: .venv/.run $(wildcard cgfibre/plugin/*.cpp cgfibre/plugin/*.h)
+	$(BIN)/python -m cgfibre plugin build --optional
+	touch $@
+
+.venv/.dev: .venv/.plugin
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[dev]'
 	touch $@
 
-demo: .venv/.run
+demo: .venv/.plugin
 	$(BIN)/cgfibre run carbon-37 --out results/carbon-37 --force
 
 test: .venv/.dev
@@ -37,4 +42,4 @@ figures: .venv/.dev
 	$(BIN)/python analysis/readme_figures.py
 
 clean:
-	rm -rf .venv results dist
+	rm -rf .venv results dist cgfibre/plugin/lib

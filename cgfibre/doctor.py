@@ -7,12 +7,15 @@ import re
 import subprocess
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 
+from cgfibre.engine.compiler import INSTALL, find_compiler
 from cgfibre.engine.deck import template_folder
 from cgfibre.engine.lammps import Engine, engine_help, engine_version, find_engine, mpi_library, run_deck
+from cgfibre.engine.plugin import probe_plugin, search_plugin
 from cgfibre.errors import CgfibreError, EngineError
 
 #: styles that the decks use, one a LAMMPS package
@@ -34,12 +37,16 @@ PACKAGES = (
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was looked at: what was found, and what to do when it is not ok."""
+    """One thing that was looked at: what was found, and what to do when it is not ok.
+
+    ``needed``: nothing runs without it; else it adds something, and its lack is worth a note.
+    """
 
     name: str
     ok: bool
     found: str
     remedy: str = ""
+    needed: bool = True
 
 
 def _try(name: str, look: Callable[[], str], remedy: str) -> Check:
@@ -93,8 +100,30 @@ def examine(engine: str | None = None, launcher: str | None = None) -> list[Chec
                 "single-rank runs work all the same; for more, install mpich or give --launcher",
             )
         )
+        checks += _plugin(found)
     checks.append(_try("templates", lambda: str(template_folder()), "install cgfibre again"))
     checks.append(_try("write access", _write, "change to a folder that you may write to"))
+    return checks
+
+
+PLUGIN = "plugin (smooth filaments; without it, beads)"
+
+
+def _plugin(engine: Engine) -> list[Check]:
+    """Whether a plugin fits the engine and loads, and whether one could be built: good to have, not needed."""
+    search = search_plugin(engine)
+    if search.plugin is None:
+        checks = [Check(PLUGIN, False, search.reason, search.remedy, needed=False)]
+    else:
+        plugin = search.plugin
+        checks = [Check(PLUGIN, True, f"for {plugin.abi} at {plugin.library}", needed=False)]
+        for ranks, word in ((1, "one rank"), (2, "two ranks")):
+            look = _try(f"the plugin on {word}", partial(probe_plugin, engine, plugin, ranks), "cgfibre plugin build")
+            checks.append(replace(look, needed=False))
+    compiler = _try("C++ compiler", lambda: find_compiler().version, INSTALL)
+    # of no concern where a library is there
+    if search.plugin is None or compiler.ok:
+        checks.append(replace(compiler, needed=False))
     return checks
 
 

@@ -382,14 +382,17 @@ class Platens(_Table):
 class Contact(_Table):
     """``[contact]``: between filaments.
 
-    ``line_load`` is where the secant stiffness of the line contact is taken; ``softening`` divides that stiffness.
+    ``shape``: filaments touch along their segments (capsule, needs the plugin) or bead by bead. ``line_load`` is where
+    the secant stiffness of the line contact is taken; ``softening`` divides that stiffness; ``damping_ratio`` is that
+    of two beads or stretches on their contact.
     """
 
+    shape: Literal["auto", "capsule", "beads"] = "auto"
     friction: Friction = 0.2
-    law: Literal["auto", "hooke", "hertz"] = "auto"
+    law: Literal["auto", "hooke", "hertz", "line"] = "auto"
     line_load: LineForce = 1.0e6  # 1 N/mm
     softening: AutoFactor = "auto"
-    damping_ratio: Annotated[float, Value(above=0.0, most=1.0)] = 0.3
+    damping_ratio: Annotated[float | Literal["auto"], Value(words=("auto",), above=0.0, most=1.0)] = "auto"
 
 
 class Model(_Table):
@@ -593,12 +596,25 @@ def _check_widths(scene: Scene) -> None:
 
 def _check_spacing(scene: Scene) -> None:
     spacing, diameter, length = scene.model.spacing, scene.filament.diameter, scene.assembly.length
-    alone = scene.assembly.count == 1
+    alone = scene.assembly.count == 1 or scene.contact.shape != "beads"
     most = length / 4 if alone else diameter
     if isinstance(spacing, float) and not diameter / 20.0 <= spacing <= most:
         why = "a quarter of the length" if alone else "the diameter: beads further apart miss each other"
         expected = f"'auto' or a length from {_length_um(diameter / 20.0)} to {_length_um(most)}, {why}"
         raise _refusal("model.spacing", scene.model._shown("spacing"), expected)
+
+
+def _check_shape(scene: Scene) -> None:
+    """Which laws go with which shape of contact."""
+    shape, law, level = scene.contact.shape, scene.contact.law, scene.model.level
+    if law == "hertz" and shape == "capsule":
+        expected = "'auto', 'line' or 'hooke' with contact.shape = 'capsule': hertz is for beads"
+        raise _refusal("contact.law", law, expected)
+    if law == "line" and (shape == "beads" or level == "section"):
+        where = "contact.shape = 'beads'" if shape == "beads" else "level = 'section'"
+        raise _refusal("contact.law", law, f"'auto', 'hooke' or 'hertz' with {where}: the line law is for capsules")
+    if shape == "capsule" and level == "section":
+        raise _refusal("contact.shape", shape, "'auto' or 'beads' with level = 'section': its filaments are discs")
 
 
 def _check_torsion(scene: Scene) -> None:
@@ -663,6 +679,7 @@ def _check_section(scene: Scene) -> None:
 
 Scene.CHECKS = (
     _check_section,
+    _check_shape,
     _check_sizes,
     _check_twist,
     _check_cell,

@@ -17,6 +17,7 @@ from cgfibre.engine.datafile import write_data
 from cgfibre.engine.deck import write_deck
 from cgfibre.engine.dump import RawRecord, read_record
 from cgfibre.engine.lammps import EngineTime, find_engine, run_deck
+from cgfibre.engine.plugin import copy_plugin, needs_plugin, plugin_variables
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.model import Plan
 from cgfibre.plan.system import build_system
@@ -27,11 +28,19 @@ SCENE = {
     "filament": {"material": "T700 carbon"},
     "assembly": {"count": 1, "length": "0.7 mm"},
     "platens": {"stop": {"displacement": "1 um"}, "friction": 0.0},
+    "contact": {"shape": "beads"},
 }
+#: what a level's name ends with where filaments touch along their segments
+CAPSULES = ", capsules"
+
+
+def deck_level(level: str) -> str:
+    """Level of the deck: "chain" of "chain, capsules"."""
+    return level.removesuffix(CAPSULES)
 
 
 def scene(changes: Mapping[str, object]) -> Scene:
-    """SCENE with dotted keys set."""
+    """SCENE with dotted keys set; the level "chain, capsules" is a chain with contact.shape = "capsule"."""
     data: dict[str, Any] = copy.deepcopy(SCENE)
     for key, value in changes.items():
         *parents, last = key.split(".")
@@ -40,6 +49,10 @@ def scene(changes: Mapping[str, object]) -> Scene:
             table = table.setdefault(parent, {})
         table[last] = value
     model = data.setdefault("model", {})
+    level = str(model.get("level", ""))
+    if level.endswith(CAPSULES):
+        model["level"] = deck_level(level)
+        data["contact"]["shape"] = "capsule"
     if model.get("level") != "section":  # commands of experiments speak of both ends
         model.setdefault("symmetry", "none")
         if "spacing" not in model:
@@ -112,8 +125,11 @@ def run_on(
     if text.count(last) != 1:
         raise ValueError(f"{deck.name} has no line of its own for the phases")
     (folder / deck.name).write_text(text.replace(last, "\n".join([*commands, last])))
-    given = {"unsafe": "1"} | {k: str(v) for k, v in variables.items()}
-    spent = run_deck(find_engine(), folder, deck.name, ranks, given)
+    engine = find_engine()
+    if needs_plugin(folder):
+        copy_plugin(folder, engine)
+    given = {"unsafe": "1"} | plugin_variables(folder, engine) | {k: str(v) for k, v in variables.items()}
+    spent = run_deck(engine, folder, deck.name, ranks, given)
     return Outcome(folder, read_record(folder), spent)
 
 

@@ -19,6 +19,7 @@ from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, ROD_
 ROLES = 5
 NEAR = 0.5  # of D: beads this near to a platen are given to its wall for a block of steps
 GHOST_SPACINGS = 2.5  # bead spacings that ghost beads must reach at least: rods of two ranks are wrong below 2
+CAPSULE_GHOST_SPACINGS = 3.3  # the same where segments touch
 EDGE = 1e-3  # um: a bead that stands on a platen's edge counts as under it
 #: smallest rest bend at which angle harmonic is safe: below 1 mrad it is silently wrong (lammps-findings)
 HARMONIC_BEND = 0.01
@@ -92,22 +93,23 @@ def _bin_size(system: FilamentSystem) -> float:
     return needed if needed > own else 0.0
 
 
-def _span_words(span: tuple[float, float] | None) -> tuple[float | str, float | str]:
-    return ("INF", "INF") if span is None else (span[0] - EDGE, span[1] + EDGE)
+def _span_words(span: tuple[float, float] | None, edge: float) -> tuple[float | str, float | str]:
+    return ("INF", "INF") if span is None else (span[0] - edge, span[1] + edge)
 
 
 def _common(system: FilamentSystem, plan: Plan) -> dict[str, float | int | str]:
     top, bottom = platen_heights(system, plan)
     p, m, s = plan.platens, plan.motion, plan.sampling
-    top_lo, top_hi = _span_words(p.top_span)
-    bottom_lo, bottom_hi = _span_words(p.bottom_span)
+    edge = 0.0 if plan.contact.per_length else EDGE
+    top_lo, top_hi = _span_words(p.top_span, edge)
+    bottom_lo, bottom_hi = _span_words(p.bottom_span, edge)
     values: dict[str, float | int | str] = {
         "timestep_us": plan.timestep,
         "timestep_limit_us": plan.timestep_limit,
         "filament_types": len(system.types),
         "largest_diameter_um": float(np.max(system.diameter)),
         "drag": plan.drag,
-        "platen_shape": "section" if plan.level == "section" else p.shape,
+        "platen_shape": _platen_file(plan),
         "platen_top_um": top,
         "platen_bottom_um": bottom,
         "top_x_lo_um": top_lo,
@@ -139,7 +141,38 @@ def _common(system: FilamentSystem, plan: Plan) -> dict[str, float | int | str]:
         values["stop_pressure_kPa"] = m.stop_pressure
     if p.shape == "crimped":
         values |= _crimp(plan, top, bottom)
+    if plan.contact.per_length:
+        values |= _capsules(plan)
     return values
+
+
+def _platen_file(plan: Plan) -> str:
+    """Which platens_*.inc the deck includes."""
+    if plan.level == "section":
+        return "section"
+    return f"capsule_{plan.platens.shape}" if plan.contact.per_length else plan.platens.shape
+
+
+def _capsules(plan: Plan) -> dict[str, float | int | str]:
+    """Parameters of filaments that touch along their segments."""
+    c, p, gaps = plan.contact, plan.platens, np.diff(plan.beads.stations)
+    touch = np.isin(plan.beads.role, (CONTACT, LEFT, RIGHT) if plan.beads.support == "simple" else (CONTACT, RIGHT))
+    longest = max(plan.spacing, float(np.max(gaps[touch[:-1] & touch[1:]], initial=0.0)))
+    line = c.law == "line"
+    return {
+        "contact_shape": "capsule",
+        # filaments stretch a little; the style refuses half as much again
+        "segment_um": 1.05 * longest,
+        "capsule_spin": "yes" if plan.level == "rod" else "no",
+        "ends_touch": {"simple": "both", "symmetric": "right"}.get(plan.beads.support, "none"),
+        "contact_law": c.law,
+        "contact_stiffness_kPa": c.modulus if line else c.kn,
+        "contact_damping": c.gamma,
+        "contact_kt_ratio": c.kt / c.kn,
+        "contact_friction": c.friction,
+        "platen_stiffness_kPa": p.modulus if line else p.kn,
+        "platen_damping": p.gamma,
+    }
 
 
 def crimp_cylinders(plan: Plan, top: float, bottom: float) -> tuple[float, float]:
@@ -252,7 +285,7 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
         n_types=n_types,
         box=system.box,
         pair_style="granular",
-        pair_rows=_pair_rows(n_types, plan.contact),
+        pair_rows=[] if plan.contact.per_length else _pair_rows(n_types, plan.contact),
         topologies=topologies,
     )
     parameters = _common(system, plan) | {
@@ -277,8 +310,9 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
 
 def _ghost_cutoff(system: FilamentSystem, plan: Plan) -> float:
     """Reach of ghost beads, um. With a far field ranks share the filaments out across y and z, never along x, so its
-    long bonds need no reach."""
-    return GHOST_SPACINGS * plan.spacing + float(np.max(system.diameter)) + 2.0
+    long bonds need no reach. Segments that touch want to know the ones behind and before them too."""
+    spacings = CAPSULE_GHOST_SPACINGS if plan.contact.per_length else GHOST_SPACINGS
+    return spacings * plan.spacing + float(np.max(system.diameter)) + 2.0
 
 
 def _check_curved(bend: FloatArray) -> None:
@@ -401,7 +435,7 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         n_types=n_types,
         box=box,
         pair_style="granular",
-        pair_rows=_pair_rows(n_types, plan.contact),
+        pair_rows=[] if plan.contact.per_length else _pair_rows(n_types, plan.contact),
         topologies=[
             Topology("Bond", bonds, kinds, [()] * len(first_row), ""),
             Topology("Angle", angles, angle_kind, [(float(gauge[i]),) for i in first_angle], "cosine"),

@@ -70,7 +70,9 @@ def write_data(path: Path, data: DataFile) -> None:
         for (lo, hi), axis in zip(data.box.tolist(), "xyz", strict=True):
             f.write(f"{lo:.17g} {hi:.17g} {axis}lo {axis}hi\n")
         _lines(f, "Masses", (f"{i + 1} 1" for i in range(data.n_types)))  # unused: every bead has its own mass
-        _lines(f, f"PairIJ Coeffs # {data.pair_style}", (f"{i + 1} {j + 1} {words}" for i, j, words in data.pair_rows))
+        if data.pair_rows:
+            rows = (f"{i + 1} {j + 1} {words}" for i, j, words in data.pair_rows)
+            _lines(f, f"PairIJ Coeffs # {data.pair_style}", rows)
         for t in data.topologies:
             if t.style:
                 _lines(

@@ -57,12 +57,14 @@ def write_deck(folder: Path, deck: str, parameters: Mapping[str, float | int | s
     unknown = sorted(set(values) - set(declared))
     if unknown:
         raise ValueError(f"{deck} declares no variable {', '.join(unknown)}")
-    for name in deck_files(deck, values):
+    files = deck_files(deck, values)
+    for name in files:
         shutil.copyfile(template_folder() / name, folder / name)
     lines = ["# The scene's values; -var on the command line wins over them.\n"]
     lines += [f"variable {name} index {value}\n" for name, value in values.items()]
     (folder / "parameters.inc").write_text("".join(lines))
-    (folder / "README").write_text(DECK_README.format(deck=deck, about=about))
+    text = DECK_README + (PLUGIN_README if "plugin.inc" in files else "")
+    (folder / "README").write_text(text.format(deck=deck, about=about))
 
 
 DECK_README = """{about}
@@ -90,4 +92,12 @@ To go on after a stop, take the state file with the larger step_at that ends in 
     lmp -in {deck} -var resume 1 -var state state.0
 
 `cgfibre measure` on the folder above derives curve, statistics and pictures from these files.
+"""
+
+PLUGIN_README = """
+This deck loads the cgfibre plugin: cgfibre_plugin.so, compiled for the LAMMPS that cgfibre_plugin.json names (version,
+MPI, integer sizes). Any other refuses it; compile the sources in plugin/ for yours, then name the result:
+
+    make -C plugin LAMMPS=/path/to/lammps/src
+    lmp -in {deck} -var plugin plugin/cgfibre_plugin.so
 """

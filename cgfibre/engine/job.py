@@ -12,7 +12,8 @@ from cgfibre.engine.assemble import Deck, assemble
 from cgfibre.engine.datafile import write_data
 from cgfibre.engine.deck import write_deck
 from cgfibre.engine.dump import last_row, mend_tables, read_states
-from cgfibre.engine.lammps import Engine, EngineTime, run_deck
+from cgfibre.engine.lammps import Engine, EngineTime, find_engine, run_deck
+from cgfibre.engine.plugin import copy_plugin, needs_plugin, plugin_variables
 from cgfibre.plan.model import Plan
 
 #: progress: (done steps, planned steps, displacement um, force N)
@@ -41,10 +42,15 @@ def is_finished(folder: Path) -> bool:
     return bool(states) and states[0].phase >= 3
 
 
-def write_job(folder: Path, system: FilamentSystem, plan: Plan, about: str) -> Path:
-    """Write the deck of a plan into ``folder``, with ``about`` in its README; returns the folder."""
+def write_job(folder: Path, system: FilamentSystem, plan: Plan, about: str, engine: Engine | None = None) -> Path:
+    """Write the deck of a plan into ``folder``, with ``about`` in its README; returns the folder.
+
+    A deck that needs the plugin gets its sources and the library that fits ``engine`` (None: the default one), if any.
+    """
     deck: Deck = assemble(system, plan)
     write_deck(folder, deck.name, deck.parameters, about)
+    if needs_plugin(folder):
+        copy_plugin(folder, engine or find_engine())
     for name, column in deck.tables.items():
         (folder / name).write_text("".join(f"{x:.17g}\n" for x in column.tolist()))
     # last and at once: where system.data is, the deck is whole
@@ -61,13 +67,13 @@ def run_job(
     Raises EngineError when the engine stops, or when ``watch.cancelled`` says so.
     """
     watch = watch or Watch()
-    variables: dict[str, str] = {}
+    if resume and is_finished(folder):
+        return None
+    variables = plugin_variables(folder, engine)
     if resume:
-        if is_finished(folder):
-            return None
         states = read_states(folder)
         if states:
-            variables = {"resume": "1", "state": states[0].file}
+            variables |= {"resume": "1", "state": states[0].file}
             mend_tables(folder)
             if watch.note:
                 watch.note(f"going on from step {states[0].step} of about {plan.planned_steps}")

@@ -136,10 +136,17 @@ def lay_beads(
     zone: tuple[float, float],
     far_field: str,
     half: bool = False,
+    segments: bool = False,
 ) -> Layout:
-    """Stations and roles of the beads at most ``spacing`` um apart in the ``zone``; ``half``: mid-span between two."""
+    """Stations and roles of the beads at most ``spacing`` um apart in the ``zone``.
+
+    ``segments``: filaments touch along their segments, so any length of them meets its neighbours and platens need no
+    bead at their edges. ``half``: mid-span lies between two beads, with segments on one.
+    """
     length = scene.assembly.length
     anchors = tuple(x for span in (platen_span(scene), bottom_span(scene)) for x in span if 0 < x < length)
+    if segments:
+        anchors = (length / 2,) if half else ()
     extras: dict[str, float] = {}
     if far_field == "none":
         spec = SpacingSpec(length=length, fine=spacing, anchors=anchors)
@@ -148,12 +155,12 @@ def lay_beads(
             length=length, fine=spacing, zone=zone, coarse=max(spacing, COARSE * length), anchors=anchors
         )
     stations = lay_stations(spec)
-    if half and len(stations) % 2:
+    if half and not segments and len(stations) % 2:
         # one segment more between the anchors about mid-span: the plane of symmetry halves no bead
         inner = np.array([x for x in (0.0, length, *anchors, *(spec.zone or ()))])
         lo, hi = np.max(inner[inner < length / 2]), np.min(inner[inner > length / 2])
-        segments = np.count_nonzero((stations > lo - 1e-9) & (stations < hi + 1e-9)) - 1
-        stations = lay_stations(replace(spec, fine=float(hi - lo) / (segments + 1) * (1 + 1e-9)))
+        count = np.count_nonzero((stations > lo - 1e-9) & (stations < hi + 1e-9)) - 1
+        stations = lay_stations(replace(spec, fine=float(hi - lo) / (count + 1) * (1 + 1e-9)))
     support = scene.ends.support
     if far_field == "condensed":
         inside = (stations >= zone[0] - 1e-9) & (stations <= zone[1] + 1e-9)
@@ -177,12 +184,14 @@ def lay_beads(
     gaps = np.diff(stations)
     widest = np.maximum(np.append(gaps, gaps[-1]), np.insert(gaps, 0, gaps[0]))
     # one filament alone has no neighbours for its beads to miss
-    reach = filament.diameter if scene.assembly.count > 1 else max(filament.diameter, spacing)
+    meets = scene.assembly.count == 1 or segments
+    reach = max(filament.diameter, spacing) if meets else filament.diameter
     role = np.where(widest <= reach * (1 + 1e-9), CONTACT, FREE)
     if support != "symmetry":
         held = 2 if support == "clamped" else 1
         role[:held], role[-held:] = LEFT, RIGHT
-    return Layout(stations, role.astype(np.int64), zone, far_field, extras, half and len(stations) % 2 == 0)
+    halved = half and len(stations) % 2 == int(segments)
+    return Layout(stations, role.astype(np.int64), zone, far_field, extras, halved)
 
 
 def bond_lengths(stations: FloatArray, closed: bool, length: float) -> FloatArray:

@@ -11,7 +11,7 @@ from cgfibre.plan.model import Choice, Omission, Platens
 from cgfibre.scene import Scene
 
 
-def common_omissions(scene: Scene, level: str) -> list[Omission]:
+def common_omissions(scene: Scene, level: str, shape: str = "beads") -> list[Omission]:
     """What no level, or this one, models."""
     left = [
         Omission(
@@ -32,7 +32,7 @@ def common_omissions(scene: Scene, level: str) -> list[Omission]:
                 "friction cannot roll a filament: right while mu N D/2 < GJ/L, else forces are too high",
             )
         )
-    if level in ("chain", "rod"):
+    if level in ("chain", "rod") and shape == "beads":
         left.append(
             Omission(
                 "smoothness of the filament's surface",
@@ -65,6 +65,7 @@ def platens(scene: Scene, contact: ContactPlan, contact_length: float, edges: bo
         crimp_centre=length / 2,
         convex=p.curvature == "convex",
         bottom_crimped=p.crimp_side == "both",
+        modulus=contact.wall_modulus,
     )
 
 

@@ -10,9 +10,9 @@ from cgfibre.build.system import FilamentType
 from cgfibre.mechanics import rod
 from cgfibre.plan.beads import choose_far_field, choose_symmetry, fine_zone, finish_beads, lay_beads, platen_span
 from cgfibre.plan.common import checked_step, common_omissions, friction, platens
-from cgfibre.plan.contact import OVERLAP_LIMIT, TANGENTIAL_RATIO, line_contacts, plan_contact
+from cgfibre.plan.contact import OVERLAP_LIMIT, TANGENTIAL_RATIO, line_contacts, plan_capsule, plan_contact
 from cgfibre.plan.cost import predicted_seconds
-from cgfibre.plan.level import nothing_varies
+from cgfibre.plan.level import natural_curvature, nothing_varies
 from cgfibre.plan.model import CONTACT, Choice, Omission, Plan
 from cgfibre.plan.motion import SPEED_GAIN, Bodies, depths_below_top, loose, plan_motion
 from cgfibre.plan.outline import Outline
@@ -28,6 +28,20 @@ END_STRAIN = 2e-3
 ROD_GAIN = 1.0
 #: parts of the accuracy that the spacing of one filament alone may spend on bending and on the platens' length
 SPACING_SHARE, SQUEEZE_SHARE = 0.1, 0.3
+#: longest segment that touches, in diameters, and least number of them along a filament
+SEGMENT, LEAST_SEGMENTS = 4.0, 16
+#: largest line load over its mean over the columns under a platen (carbon-37 at 30 um: 17), and the overlap over
+#: diameter and the softening that it may have: to 12 um of carbon-37 a softening of 4 changed forces by 1 % at most
+CONCENTRATION, SOFT_OVERLAP, MAX_SOFTENING = 20.0, 0.01, 10.0
+#: part of D by which the chord of a segment may miss the curved filament that it stands for
+SAGITTA = 0.01
+
+
+LAWS = {
+    "line": "line contact of parallel cylinders itself, Hertz where they cross",
+    "hooke": "line contact of parallel cylinders, secant at {load:g} N/mm",
+    "hertz": "crossing cylinders (Hertz, Mindlin)",
+}
 
 
 def axial_softening(scene: Scene, level: str, spacing: float, filament: FilamentType) -> Choice:
@@ -49,11 +63,45 @@ def axial_softening(scene: Scene, level: str, spacing: float, filament: Filament
     )
 
 
-def _spacing(scene: Scene, level: str, far_field: str) -> tuple[float, Choice]:
-    """Bead spacing, um: one diameter, so that beads of neighbours meet; what bending allows for one filament alone."""
+def contact_shape(scene: Scene) -> Choice:
+    """Whether filaments touch along their segments (capsules) or bead by bead."""
+    asked, law = scene.contact.shape, scene.contact.law
+    if asked != "auto":
+        return Choice("contact", asked, "as asked in the scene")
+    if law == "hertz":
+        return Choice("contact", "beads", "the law hertz is one of points; capsules find crossings themselves")
+    return Choice(
+        "contact",
+        "capsule",
+        "segments of smooth filaments: friction without ripple, crossings and parallel contacts by their own laws, and "
+        "a spacing that bending alone decides",
+    )
+
+
+def _segment(scene: Scene, level: str, out: Outline) -> tuple[float, Choice]:
+    """Spacing of beads whose segments touch, um: what bending and curvature allow."""
+    d, length = scene.filament.diameter, scene.assembly.length
+    lo, hi = platen_span(scene)
+    width = 0.0 if scene.platens.width == "full" else hi - lo
+    unit = float(rod.chain_bending_error(1.0, length, width=width, clamped=scene.ends.support == "clamped"))
+    bending = math.sqrt(SPACING_SHARE * scene.model.accuracy / unit) if level == "chain" else math.inf
+    curvature = natural_curvature(scene, out)
+    chord = math.sqrt(8 * SAGITTA * d / curvature) if curvature > 0 else math.inf
+    spacing = max(d, min(SEGMENT * d, bending, chord, length / LEAST_SEGMENTS))
+    reason = f"segments touch along all their length: as long as bending (error {unit * spacing**2:.1g})"
+    if curvature > 0:
+        reason += f" and curvature (chords {curvature * spacing**2 / 8 / d:.1%} D off)"
+    return spacing, Choice("bead spacing", f"{spacing:.4g} um at most", f"{reason} allow, {SEGMENT:g} D at most")
+
+
+def _spacing(scene: Scene, level: str, far_field: str, shape: str, out: Outline) -> tuple[float, Choice]:
+    """Bead spacing, um: one diameter, so that beads of neighbours meet; what bending allows for one filament alone and
+    where segments touch."""
     asked, d = scene.model.spacing, scene.filament.diameter
     if asked != "auto":
         return float(asked), Choice("bead spacing", f"{float(asked):.4g} um at most", "as asked in the scene")
+    if shape == "capsule":
+        return _segment(scene, level, out)
     if scene.assembly.count > 1 or far_field != "none":
         return d, Choice(
             "bead spacing",
@@ -75,6 +123,33 @@ def _spacing(scene: Scene, level: str, far_field: str) -> tuple[float, Choice]:
         f"{spacing:.4g} um at most",
         "one filament has no neighbours to meet: as coarse as its bending and the platens' length in beads allow "
         f"(errors {unit * spacing**2:.1g} and {spacing / (hi - lo):.1g})",
+    )
+
+
+def line_softening(scene: Scene, out: Outline) -> Choice:
+    """Line contacts may be softened as far as the overlap stays small under the load to expect.
+
+    That is the bending force at the planned displacement over the platen's length and sqrt(n) columns, times
+    CONCENTRATION: filaments press on each other where they sag against the platen's edges.
+    """
+    asked, d = scene.contact.softening, scene.filament.diameter
+    if asked != "auto":
+        return Choice("contact softening", f"{asked:g}", "as asked in the scene")
+    lo, hi = platen_span(scene)
+    columns = math.sqrt(len(out.centres))
+    load = CONCENTRATION * out.bending_force(scene, out.displacement) / ((hi - lo) * columns)
+    contact = line_contacts(scene)[0]
+    load = min(load, scene.contact.line_load)
+    overlap = float(contact.approach(load)) / d
+    value = max(1.0, float(f"{min(SOFT_OVERLAP / overlap, MAX_SOFTENING):.3g}"))
+    if value == 1:
+        reason = f"real contacts: they overlap by {overlap:.1%} D under some {load * 1e-6:.2g} N/mm"
+        return Choice("contact softening", "1", reason)
+    return Choice(
+        "contact softening",
+        f"{value:g}",
+        f"a longer step; surfaces overlap by {SOFT_OVERLAP:.1%} D in place of {overlap:.2%} under some "
+        f"{load * 1e-6:.2g} N/mm, where platens and bending press most",
     )
 
 
@@ -110,23 +185,26 @@ def plan_filaments(scene: Scene, out: Outline, level: str, choices: list[Choice]
     zone = fine_zone(scene, out.height, layer)
     far, why = choose_far_field(scene, level, zone)
     choices.append(Choice("far field", far, why))
-    spacing, choice = _spacing(scene, level, far)
+    shape = contact_shape(scene)
+    choices.append(shape)
+    capsule = shape.value == "capsule"
+    spacing, choice = _spacing(scene, level, far, shape.value, out)
     choices.append(choice)
     axial = axial_softening(scene, level, spacing, f)
-    law = "hooke" if scene.contact.law == "auto" else scene.contact.law
-    softening = contact_softening(scene, f, spacing, law)
+    law = scene.contact.law
+    if law == "auto":
+        law = "line" if capsule else "hooke"
+    softening = line_softening(scene, out) if law == "line" else contact_softening(scene, f, spacing, law)
     choices += [axial, softening, friction(scene)]
     choices.append(
         Choice(
             "contact law",
             law,
-            f"line contact of parallel cylinders, secant at {scene.contact.line_load * 1e-6:g} N/mm"
-            if law == "hooke"
-            else "crossing cylinders (Hertz, Mindlin)",
+            LAWS[law].format(load=scene.contact.line_load * 1e-6),
         )
     )
     half, reason = choose_symmetry(scene, level, far, out.displacement / out.height)
-    layout = lay_beads(scene, f, level, spacing, zone, far, half)
+    layout = lay_beads(scene, f, level, spacing, zone, far, half, capsule)
     choices.append(Choice("symmetry", "the right half" if layout.half else "none", reason))
     stations = layout.stations
     # what a bead under the platen stands for: the spacing there
@@ -134,7 +212,10 @@ def plan_filaments(scene: Scene, out: Outline, level: str, choices: list[Choice]
     under = (stations > lo - 1e-6) & (stations < hi + 1e-6)
     bead = float(np.max(np.diff(stations[under]))) if under.sum() > 1 else spacing
     mass = bead * f.mass_per_length
-    contact = plan_contact(scene, law, bead, mass, float(softening.value))
+    if capsule:
+        contact = plan_capsule(scene, law, bead, f.mass_per_length, float(softening.value))
+    else:
+        contact = plan_contact(scene, law, bead, mass, float(softening.value))
     beads, limit = finish_beads(scene, f, level, layout, float(axial.value), contact)
     timestep, step = checked_step(scene, limit)
     choices.append(step)
@@ -144,23 +225,26 @@ def plan_filaments(scene: Scene, out: Outline, level: str, choices: list[Choice]
     frequency = float(rod.bending_frequency(span, f.EI, f.mass_per_length, tension=tension))
     if far != "none":  # the zone swings on the soft far field
         frequency = min(frequency, math.sqrt(stiffness / (f.mass_per_length * span)))
+    # of the platen's hit: a diameter's length, however long the segments are
+    hit = d if capsule else 1.0
+    hit_kn, hit_mass = contact.tangent_kn * hit, f.mass_per_length * d if capsule else mass
     if nothing_varies(scene):  # no end supports to bend against
-        stiffness, frequency = loose(contact.tangent_kn, mass, out.height / d)
+        stiffness, frequency = loose(hit_kn, hit_mass, out.height / d)
     n_beads = len(out.centres) * (len(stations) // 2 + 1 if layout.half else len(stations))
     bodies = Bodies(
         depths_below_top(out.centres),
         out.pitch,
         stiffness,
         frequency,
-        contact.tangent_kn,
-        mass,
+        hit_kn,
+        hit_mass,
         n_beads,
         bends=far == "none",
         gain=ROD_GAIN if level == "rod" else SPEED_GAIN,
     )
     motion, sampling, motion_choices = plan_motion(scene, bodies, timestep, out.displacement)
     choices += motion_choices
-    omissions = common_omissions(scene, level)
+    omissions = common_omissions(scene, level, shape.value)
     if far == "condensed":
         omissions.append(Omission("filaments beyond the fine zone", why, "within 2 % of graded beads (measured)"))
     if not np.all(beads.role == CONTACT) and far != "none":
@@ -195,9 +279,9 @@ def plan_filaments(scene: Scene, out: Outline, level: str, choices: list[Choice]
         platens=platens(scene, contact, hi - lo, edges=True),
         motion=motion,
         sampling=sampling,
-        predicted_seconds=predicted_seconds(level, n_beads, motion, sampling),
+        predicted_seconds=predicted_seconds(f"{level}, capsules" if capsule else level, n_beads, motion, sampling),
         choices=tuple(choices),
         omissions=tuple(omissions),
-        promise=promise(scene, out, level, bead, float(softening.value), motion),
+        promise=promise(scene, out, level, bead, float(softening.value), motion, capsule),
         free_span=min(lo, 2 * layer) if lo > 0 else math.inf,
     )

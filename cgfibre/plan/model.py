@@ -70,9 +70,12 @@ class Beads:
 
 @dataclass(frozen=True)
 class Contact:
-    """Contact between beads: ``law`` hooke (kn nN/um) or hertz (kn kPa), with ``kt``, ``gamma`` (nN us/um), friction.
+    """Contact between filaments.
 
-    ``line_stiffness`` kPa is the real secant stiffness per length that ``softening`` divides.
+    ``shape`` beads: ``law`` hooke (kn nN/um) or hertz (kn kPa), with ``kt``, ``gamma`` (nN us/um), friction. ``shape``
+    capsule: the same per length of contact, kn, kt in kPa, gamma in nN us/um^2, ``law`` hooke or line: then kn is the
+    secant at the design load and ``modulus`` kPa the E* of the line contact, softened. ``line_stiffness`` kPa is the
+    real secant stiffness per length that ``softening`` divides.
     """
 
     law: str
@@ -82,11 +85,19 @@ class Contact:
     friction: float
     softening: float
     line_stiffness: float
+    shape: str = "beads"
+    modulus: float = 0.0
+
+    @property
+    def per_length(self) -> bool:
+        """Whether filaments touch along their segments: stiffness and damping are per length."""
+        return self.shape == "capsule"
 
 
 @dataclass(frozen=True)
 class Platens:
-    """Platens: stiffness a bead, friction, and the spans along x of the top and the bottom one, um (None: no edge)."""
+    """Platens: stiffness and damping a bead (capsules: per length of contact, with the softened E* of the line contact
+    as ``modulus``), friction, and the spans along x of the top and the bottom one, um (None: no edge)."""
 
     shape: str
     kn: float
@@ -100,6 +111,7 @@ class Platens:
     crimp_centre: float = 0.0
     convex: bool = True
     bottom_crimped: bool = True
+    modulus: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ SOFTENED = 0.01
 
 
 def promise(
-    scene: Scene, out: Outline, level: str, spacing: float, softening: float, motion: Motion
+    scene: Scene, out: Outline, level: str, spacing: float, softening: float, motion: Motion, capsule: bool = False
 ) -> tuple[ErrorPart, ...]:
     """Parts of the mean relative error of the force between the quasi-static start and the stop; they add up.
 
@@ -43,10 +43,10 @@ def promise(
         if level == "chain" and scene.platens.width != "full" and scene.ends.support != "symmetry":
             error = float(rod.chain_bending_error(spacing, scene.assembly.length, width=width, clamped=clamped))
             parts.append(ErrorPart("bead spacing", error, f"bending of a chain with beads {spacing:.3g} um apart"))
-        if not several:
+        if not several and not capsule:
             lo, hi = platen_span(scene)
             parts.append(ErrorPart("platens in beads", spacing / (hi - lo), "beads on the edges count whole"))
-        if several:
+        if several and not capsule:
             parts.append(
                 ErrorPart("bumps", BUMPS * spacing / scene.filament.diameter, "beads in place of a smooth side")
             )

@@ -22,25 +22,27 @@ struct ContactForce {
 
 // All forces of a contact of spheres, discs and walls. Words:
 //
-//   LAW                                     see NormalLaw
-//   length L                                the law's force times L (um): depth of discs, length of cylinders
-//   damping G                               N = max(0, F - G v_n): never adhesion
-//   friction MU ...                         see FrictionLaw (not by angle), of the full N, damping included
-//   tangential ratio K | stiffness K [viscous G]
-//                                           spring of friction: K times the secant of the loading curve, or K (nN/um)
-//   rolling K G MU                          spring, dashpot and limit MU N of the rolling velocity
+//   LAW                  see NormalLaw
+//   length L             the law's force times L (um): depth of discs, length of cylinders
+//   damping G            N = max(0, F - G v_n), nN us/um: never adhesion
+//   friction MU ...      see FrictionLaw (not by angle), of the full N, damping included
+//   tangential K RATIO   spring of friction: K times the secant of the loading curve; its damping: RATIO G (0.8 0.3)
+//   tangential stiffness K RATIO    the same, K in nN/um
+//   rolling K G MU       spring (nN/um), dashpot and limit MU N against the rolling velocity
 //
-// Friction: the spring's force T turns with the contact plane (projected, its length kept), grows by -k v_t dt and is
-// kept within the limit; a spring that softens lets its force down with it (Thornton, Cummins, Cleary 2013), so that it
-// never makes energy. The force is T - G v_t, within the limit mu N. Rolling alike.
+// Friction and rolling: see FrictionSpring. Where the spring stiffens with the overlap its force stays as it is, where it
+// softens its stretch does (Thornton, Cummins, Cleary 2013): either way round it never makes energy.
 class ContactLaw {
  public:
-  // what a contact remembers: T (3), slipping, deepest overlap, k, force of the rolling spring (3)
-  enum { TANGENT = 0, SLIPPING = 3, DEEPEST = 4, STIFFNESS = 5, ROLLING = 6, VALUES = 9 };
+  // what a contact remembers: two friction springs (stretch, whether it slips), of sliding with its stiffness, of rolling;
+  // deepest overlap
+  enum { SLIDING = 0, SLIPPING = 3, STIFFNESS = 4, ROLLING = 5, DEEPEST = 9, VALUES = 10 };
 
   ContactLaw() = default;
-  // words of a LAMMPS command from arg[iarg] on, which is moved to the first word that is none of the above
+  // LAW, from arg[iarg] on, which is moved behind it
   static ContactLaw parse(LAMMPS_NS::LAMMPS *lmp, int narg, char **arg, int &iarg);
+  // a keyword of those above with its values; false, and nothing is moved, if it is none
+  bool keyword(LAMMPS_NS::LAMMPS *lmp, int narg, char **arg, int &iarg);
 
   // `history` moves on by dt; with dt = 0 (set-up of a run) the forces as they stand
   ContactForce force(const Contact &contact, double *history, double dt) const;
@@ -54,11 +56,11 @@ class ContactLaw {
   NormalLaw normal_;
   FrictionLaw friction_;
   double length_ = 1, damping_ = 0;
-  double tangential_ratio_ = 0, tangential_stiffness_ = 0, tangential_damping_ = 0;
+  double tangential_ = 0.8, sliding_ = 0.3;
+  bool absolute_ = false;    // tangential_ is a stiffness
   double rolling_stiffness_ = 0, rolling_damping_ = 0, rolling_friction_ = 0;
 
-  void friction(const Contact &contact, double normal, double *history, double dt, double *t) const;
-  void rolling(const Contact &contact, double normal, double *history, double dt, double *t) const;
+  void slide(const Contact &contact, double normal, double *history, double dt, double *t) const;
 };
 
 }    // namespace cgfibre

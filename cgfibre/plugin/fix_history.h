@@ -19,7 +19,7 @@ class HistoryOwner {
   virtual void restore(const FixHistory &store) = 0;
 
  protected:
-  ~HistoryOwner() = default;
+  ~HistoryOwner() = default;    // never deleted by this name
 };
 
 // fix ID all CGFIBRE/HISTORY n

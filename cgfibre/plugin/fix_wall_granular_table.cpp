@@ -5,7 +5,6 @@
 #include "error.h"
 #include "lammps.h"
 #include "memory.h"
-#include "table_file.h"
 #include "update.h"
 
 #include <algorithm>
@@ -21,18 +20,19 @@ FixWallGranularTable::FixWallGranularTable(LAMMPS *lmp, int narg, char **arg) : 
 {
   int iarg = 3;
   shape_ = WallShape::parse(lmp, narg, arg, iarg);
-  const std::string next = word(lmp, narg, arg, iarg, "word law of fix wall/granular/table");
-  if (next != "law") error->all(FLERR, "fix wall/granular/table has {}, expected move, spin or law", next);
   law_ = ContactLaw::parse(lmp, narg, arg, iarg);
-  if (iarg < narg && std::strcmp(arg[iarg], "contacts") == 0) {
+  while (iarg < narg) {
+    if (law_.keyword(lmp, narg, arg, iarg) || shape_.keyword(lmp, narg, arg, iarg)) continue;
+    if (std::strcmp(arg[iarg], "contacts") != 0)
+      error->all(FLERR,
+                 "fix wall/granular/table has {}, expected length, damping, friction, tangential, rolling, move, rotate, "
+                 "span or contacts",
+                 arg[iarg]);
     iarg++;
     peratom_flag = 1;
     size_peratom_cols = COLUMNS;
     peratom_freq = 1;
   }
-  if (iarg < narg)
-    error->all(FLERR, "fix wall/granular/table has {}, expected length, damping, friction, tangential, rolling or contacts",
-               arg[iarg]);
   if (!atom->radius_flag || !atom->omega_flag || !atom->torque_flag)
     error->all(FLERR, "fix wall/granular/table needs atoms with radius, omega and torque, as of atom_style sphere");
 

@@ -9,8 +9,8 @@
 
 namespace cgfibre {
 
-// fix ID group wall/granular/table SHAPE [move x|y|z v_NAME] [spin v_NAME] law LAW ... [contacts]
-// (words: WallShape, ContactLaw)
+// fix ID group wall/granular/table SHAPE LAW [length L] [damping G] [friction MU ...] [tangential [stiffness] K RATIO]
+//   [rolling K G MU] [move x|y|z v_NAME] [rotate v_NAME] [span x|y|z LO HI] [contacts]    (words: WallShape, ContactLaw)
 //
 // A rigid wall for spheres and discs with the laws of pair granular/table. A body that goes through the surface with its
 // centre is pushed back on. Size of the line law: R/2 (1 + R curvature), of a rigid plane and of a rigid cylinder.

@@ -114,6 +114,7 @@ class NormalLaw {
   double stiffness(double overlap, double size) const;    // secant of the loading curve, its slope at 0
   bool has_history() const { return !unload_.empty(); }
   Kind kind() const { return kind_; }
+  double modulus() const { return stiffness_; }    // E* of the line law, K of hooke
 
  private:
   Kind kind_ = NONE;

@@ -1,5 +1,7 @@
 #include "pair_granular_table.h"
 
+#include "vector3.h"
+
 #include "atom.h"
 #include "comm.h"
 #include "domain.h"
@@ -19,17 +21,6 @@
 
 using namespace cgfibre;
 using namespace LAMMPS_NS;
-
-namespace {
-
-void cross(const double *a, const double *b, double *out)
-{
-  out[0] = a[1] * b[2] - a[2] * b[1];
-  out[1] = a[2] * b[0] - a[0] * b[2];
-  out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
-}    // namespace
 
 PairGranularTable::PairGranularTable(LAMMPS *lmp) : Pair(lmp)
 {
@@ -87,15 +78,19 @@ void PairGranularTable::coeff(int narg, char **arg)
   int ilo, ihi, jlo, jhi, iarg = 2;
   utils::bounds(FLERR, arg[0], 1, atom->ntypes, ilo, ihi, error);
   utils::bounds(FLERR, arg[1], 1, atom->ntypes, jlo, jhi, error);
-  const ContactLaw given = ContactLaw::parse(lmp, narg, arg, iarg);
-  if (iarg < narg)
-    error->all(FLERR, "pair_coeff of granular/table has {}, expected length, damping, friction, tangential or rolling",
-               arg[iarg]);
+  ContactLaw given = ContactLaw::parse(lmp, narg, arg, iarg);
+  while (iarg < narg)
+    if (!given.keyword(lmp, narg, arg, iarg))
+      error->all(FLERR, "pair_coeff of granular/table has {}, expected length, damping, friction, tangential or rolling",
+                 arg[iarg]);
+  bool any = false;
   for (int i = ilo; i <= ihi; i++)
     for (int j = std::max(jlo, i); j <= jhi; j++) {
+      any = true;
       laws_[i * stride() + j] = laws_[j * stride() + i] = given;
       setflag[i][j] = 1;
     }
+  if (!any) error->all(FLERR, "pair_coeff of granular/table has types {} {}, expected I <= J", arg[0], arg[1]);
 }
 
 void PairGranularTable::init_style()

@@ -10,7 +10,7 @@
 namespace cgfibre {
 
 // pair_style granular/table
-// pair_coeff I J LAW [length L] [damping G] [friction MU [kinetic MU_K] tangential ratio|stiffness K [viscous G]]
+// pair_coeff I J none | LAW [length L] [damping G] [friction MU [kinetic MU_K]] [tangential [stiffness] K RATIO]
 //            [rolling K G MU]                                        (words: ContactLaw)
 //
 // Spheres and discs with a tabulated (or linear, or line contact) normal force, friction and rolling. No mixing: every

@@ -31,6 +31,13 @@ bool choice(LAMMPS *lmp, int narg, char **arg, int &iarg, const char *what, cons
   return name == yes;
 }
 
+double edge(LAMMPS *lmp, int narg, char **arg, int &iarg, const char *what, double open)
+{
+  if (iarg >= narg || std::string(arg[iarg]) != "INF") return number(lmp, narg, arg, iarg, what, ANY);
+  iarg++;
+  return open;
+}
+
 std::string variable(LAMMPS *lmp, int narg, char **arg, int &iarg, const char *what)
 {
   const std::string name = word(lmp, narg, arg, iarg, what);
@@ -53,46 +60,47 @@ WallShape WallShape::parse(LAMMPS *lmp, int narg, char **arg, int &iarg)
     wall.kind_ = PLANE;
     wall.axis_ = direction(lmp, narg, arg, iarg, "axis of plane");
     wall.position_[wall.axis_] = number(lmp, narg, arg, iarg, "position of plane", ANY);
-    wall.side_ = choice(lmp, narg, arg, iarg, "side of plane", "lo", "hi") ? 1 : -1;
-    if (iarg < narg && std::string(arg[iarg]) == "span") {
-      iarg++;
-      if (wall.axis_ == 0) lmp->error->all(FLERR, "plane x has a span, expected plane y or z: a span lies along x");
-      wall.block_ = true;
-      wall.low_ = number(lmp, narg, arg, iarg, "start of span", ANY);
-      wall.high_ = number(lmp, narg, arg, iarg, "end of span", ANY);
-      if (wall.high_ <= wall.low_)
-        lmp->error->all(FLERR, "end of span is {}, expected more than its start {}", wall.high_, wall.low_);
-    }
+    wall.side_ = choice(lmp, narg, arg, iarg, "side of plane", "above", "below") ? 1 : -1;
   } else if (kind == "cylinder") {
     wall.kind_ = CYLINDER;
     wall.axis_ = direction(lmp, narg, arg, iarg, "axis of cylinder");
     for (int c = 0; c < 3; c++)
       if (c != wall.axis_) wall.position_[c] = number(lmp, narg, arg, iarg, "centre of cylinder", ANY);
     wall.radius_ = positive(lmp, narg, arg, iarg, "radius of cylinder");
-    wall.side_ = choice(lmp, narg, arg, iarg, "side of cylinder", "out", "in") ? 1 : -1;
+    wall.side_ = choice(lmp, narg, arg, iarg, "side of cylinder", "outside", "inside") ? 1 : -1;
   } else {
     lmp->error->all(FLERR, "wall is {}, expected plane or cylinder", kind);
-  }
-  for (; iarg < narg; ) {
-    const std::string name = arg[iarg];
-    if (name == "move") {
-      iarg++;
-      const int c = direction(lmp, narg, arg, iarg, "direction of move");
-      wall.move_[c] = variable(lmp, narg, arg, iarg, "displacement of move");
-    } else if (name == "spin") {
-      iarg++;
-      if (wall.kind_ != CYLINDER) lmp->error->all(FLERR, "{} has a spin, expected a cylinder", kind);
-      wall.spin_ = variable(lmp, narg, arg, iarg, "angular velocity of spin");
-    } else {
-      break;
-    }
   }
   return wall;
 }
 
+bool WallShape::keyword(LAMMPS *lmp, int narg, char **arg, int &iarg)
+{
+  const std::string name = arg[iarg];
+  int at = iarg + 1;
+  if (name == "move") {
+    const int c = direction(lmp, narg, arg, at, "direction of move");
+    move_[c] = variable(lmp, narg, arg, at, "displacement of move");
+  } else if (name == "rotate") {
+    if (kind_ != CYLINDER) lmp->error->all(FLERR, "rotate is given for a plane, expected a cylinder");
+    rotate_ = variable(lmp, narg, arg, at, "angular velocity of rotate");
+  } else if (name == "span") {
+    span_ = direction(lmp, narg, arg, at, "direction of span");
+    if (kind_ != PLANE || span_ == axis_)
+      lmp->error->all(FLERR, "span is given along {}, expected a plane and a direction in it", "xyz"[span_]);
+    low_ = edge(lmp, narg, arg, at, "start of span", -HUGE_VAL);
+    high_ = edge(lmp, narg, arg, at, "end of span", HUGE_VAL);
+    if (high_ <= low_) lmp->error->all(FLERR, "end of span is {}, expected more than its start {}", high_, low_);
+  } else {
+    return false;
+  }
+  iarg = at;
+  return true;
+}
+
 void WallShape::init(LAMMPS *lmp) const
 {
-  for (const std::string &name : {move_[0], move_[1], move_[2], spin_}) {
+  for (const std::string &name : {move_[0], move_[1], move_[2], rotate_}) {
     if (name.empty()) continue;
     const int k = lmp->input->variable->find(name.c_str());
     if (k < 0 || !lmp->input->variable->equalstyle(k))
@@ -102,7 +110,7 @@ void WallShape::init(LAMMPS *lmp) const
 
 void WallShape::advance(LAMMPS *lmp, bool setup)
 {
-  if (move_[0].empty() && move_[1].empty() && move_[2].empty() && spin_.empty()) return;
+  if (move_[0].empty() && move_[1].empty() && move_[2].empty() && rotate_.empty()) return;
   lmp->modify->clearstep_compute();
   for (int c = 0; c < 3; c++) {
     if (move_[c].empty()) continue;
@@ -114,11 +122,11 @@ void WallShape::advance(LAMMPS *lmp, bool setup)
       velocity_[c] = 0;
     displacement_[c] = now;
   }
-  if (!spin_.empty()) angular_ = evaluate(lmp, spin_);
+  if (!rotate_.empty()) angular_ = evaluate(lmp, rotate_);
   lmp->modify->addstep_compute(lmp->update->ntimestep + 1);
 }
 
-// against a block LO <= x <= HI below height 0: its face, its edges, its sides
+// against a block between LO and HI below height 0: its face, its edges, its sides
 Hit WallShape::hit_block(double x, double height) const
 {
   Hit hit = {height, {0, 0, 0}, 0};
@@ -127,10 +135,10 @@ Hit WallShape::hit_block(double x, double height) const
     hit.n[axis_] = side_;
   } else if (height <= 0) {
     hit.gap = std::fabs(beyond);
-    hit.n[0] = beyond > 0 ? 1 : -1;
+    hit.n[span_] = beyond > 0 ? 1 : -1;
   } else {
     hit.gap = std::sqrt(beyond * beyond + height * height);
-    hit.n[0] = beyond / hit.gap;
+    hit.n[span_] = beyond / hit.gap;
     hit.n[axis_] = side_ * height / hit.gap;
   }
   return hit;
@@ -140,7 +148,7 @@ Hit WallShape::hit(const double *x) const
 {
   if (kind_ == PLANE) {
     const double height = side_ * (x[axis_] - position_[axis_] - displacement_[axis_]);
-    if (block_) return hit_block(x[0] - displacement_[0], height);
+    if (span_ >= 0) return hit_block(x[span_] - displacement_[span_], height);
     Hit hit = {height, {0, 0, 0}, 0};
     hit.n[axis_] = side_;
     return hit;

@@ -18,18 +18,20 @@ struct Hit {
 
 // A rigid wall that may move. Words:
 //
-//   plane x|y|z POS lo|hi [span LO HI]      the wall fills the side below (lo) or above (hi) POS; with span it is a
-//                                           block, LO <= x <= HI (planes y, z), with edges and sides
-//   cylinder x|y|z C1 C2 R in|out           axis, its place in the other two directions (x: y z, y: x z, z: x y); the
-//                                           free space is in it or out of it
-//   ... [move x|y|z v_NAME] ... [spin v_NAME]
-//                                           displacement (um) from the place above and, of a cylinder, angular velocity
-//                                           about its axis (rad/us), equal-style variables
+//   plane x|y|z AT above|below               the bodies are above or below AT
+//   cylinder x|y|z C1 C2 R outside|inside    its axis, which passes through C1, C2 in the other two directions (x: y z,
+//                                            y: x z, z: x y); where the bodies are
+// Keywords:
+//   move x|y|z v_NAME                        displacement (um) from the place above, an equal-style variable
+//   rotate v_NAME                            of a cylinder: angular velocity about its axis (rad/us), a variable too
+//   span x|y|z LO HI                         a plane ends there: a block with edges and sides; INF: no end
 //
 // Velocities are those of the displacement from step to step.
 class WallShape {
  public:
   static WallShape parse(LAMMPS_NS::LAMMPS *lmp, int narg, char **arg, int &iarg);
+  // a keyword of those above with its values; false, and nothing is moved, if it is none
+  bool keyword(LAMMPS_NS::LAMMPS *lmp, int narg, char **arg, int &iarg);
 
   Hit hit(const double *x) const;
   void velocity(const double *x, double *v) const;    // of the wall at a point of its surface
@@ -51,9 +53,9 @@ class WallShape {
   double position_[3] = {0, 0, 0};    // of the plane along its axis, of the cylinder's axis
   double side_ = 1;                   // plane: normal along +axis or -axis; cylinder: +1 free space outside
   double radius_ = 0;
-  bool block_ = false;
+  int span_ = -1;    // direction in which a plane ends at low_ and high_, -1: it does not
   double low_ = 0, high_ = 0;
-  std::string move_[3], spin_;    // names of variables
+  std::string move_[3], rotate_;    // names of variables
   double displacement_[3] = {0, 0, 0}, velocity_[3] = {0, 0, 0}, angular_ = 0;
 
   Hit hit_block(double x, double height) const;
