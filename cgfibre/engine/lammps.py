@@ -52,7 +52,7 @@ REMEDIES: tuple[tuple[str, str, str], ...] = (
         "contact.softening)",
     ),
     (
-        r"Too many neighbor bins|Bond length|Angle extent|Atom coordinates",
+        r"Too many neighbor bins|Bond length|Angle extent|Atom coordinates|a segment of \S+ um touches",
         "beads flew apart: the run became unstable",
         "halve the time step (--set model.timestep=...) or the platen speed",
     ),

@@ -16,6 +16,8 @@ from cgfibre.measure.contacts import Contacts
 LineLaw = Callable[[FloatArray], FloatArray]
 SLAB = 100_000  # pieces searched at a time
 GAUSS = 1 / np.sqrt(3)
+#: of a segment: stretches as short come and go with the rounding of stored positions
+SLIVER = 1e-4
 
 
 def segment_distance(p: FloatArray, u: FloatArray, q: FloatArray, v: FloatArray) -> FloatArray:
@@ -150,7 +152,7 @@ def segment_contacts(
             hi = np.where(beta < 0, np.minimum(hi, at), hi)
             hi = np.where((beta == 0) & (alpha < 0), lo, hi)
         half, middle = (hi - lo) / 2, (hi + lo) / 2
-        hit = half > 0
+        hit = half > SLIVER * length[a]
 
         def overlap(at: FloatArray, parabola: tuple[FloatArray, ...] = (C, Q, M, reach)) -> FloatArray:
             c, q, m, d = parabola
