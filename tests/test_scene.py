@@ -3,6 +3,7 @@ import math
 import tomllib
 
 import pytest
+import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -33,6 +34,9 @@ SHIPPED = [
     "carbon-12k-section",
 ]
 ABSENT = object()
+CENTRES = "y_um,z_um\n0.1,0.2\n7.5,0.0\n-3.0,7.25\n"
+FILE = {"assembly.arrangement": "file", "assembly.centres": CENTRES, "assembly.count": ABSENT,
+        "platens.stop": {"displacement": "5 um"}}  # fmt: skip
 
 
 def changed(changes):
@@ -113,6 +117,8 @@ def test_every_material_makes_a_filament(name):
         {"model.level": "rod", "model.spacing": "3.5 um", "model.axial_softening": 10, "model.timestep": "1e-4 us"},
         {"model.level": "chain", "model.far_field": "condensed"},
         {"assembly.twist": "2 turn/cm", "model.level": "chain", "model.torsion": "dihedral"},
+        FILE,
+        FILE | {"assembly.count": 3, "assembly.centres": "# found\nz (mm);y (mm)\n0,1;0,2\n0,3;0,4\n0,1;0,3\n"},
         {"contact.softening": 10, "contact.law": "hertz", "model.speed_check": True, "output.dump": True},
     ],
 )
@@ -286,6 +292,28 @@ def test_a_file_is_read_and_named_after_itself(tmp_path):
     assert load_scene(str(path)).assembly == scene_from_dict(BASE).assembly
 
 
+def test_centres_come_from_a_file_beside_the_scene(tmp_path, monkeypatch):
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    (folder / "found.csv").write_text(CENTRES)
+    data = changed(FILE | {"assembly.centres": "found.csv"})
+    (folder / "mine.toml").write_text(tomli_w.dumps(data))
+    scene = load_scene(folder / "mine.toml")
+    assert scene.assembly.centres == ((0.1, 0.2), (7.5, 0.0), (-3.0, 7.25)) and scene.assembly.count == 3
+    # resolved, it needs no file
+    (folder / "found.csv").unlink()
+    (tmp_path / "resolved.toml").write_text(scene.to_toml())
+    assert load_scene(tmp_path / "resolved.toml").assembly == scene.assembly
+    with pytest.raises(InputError, match="no such file") as info:
+        load_scene(folder / "mine.toml")
+    assert info.value.key == "assembly.centres"
+    # an override names a file from where one stands, and takes the place of count and pitch
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "here.csv").write_text(CENTRES)
+    over = ["assembly.arrangement=file", "assembly.centres=here.csv", "platens.stop.displacement=5 um"]
+    assert load_scene("carbon-37", over).assembly.centres == scene.assembly.centres
+
+
 def test_a_shipped_name_wins_over_a_folder_of_results(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "carbon-37").mkdir()
@@ -442,6 +470,20 @@ BAD = [
     (SECTION | {"model.far_field": "graded"}, "model.far_field", "no length along the filaments"),
     (SECTION | {"ends.support": "clamped"}, "ends.support", "simply-supported"),
     (SECTION | {"contact.law": "hertz"}, "contact.law", "touch along lines"),
+    # centres from a file
+    (FILE | {"assembly.centres": ABSENT}, "assembly.centres", "columns y and z"),
+    (FILE | {"assembly.centres": "y,z\n1,2\n3,4\n"}, "assembly.centres", "unit"),
+    (FILE | {"assembly.centres": "y_um,x_um\n1,2\n3,4\n"}, "assembly.centres", "columns y and z"),
+    (FILE | {"assembly.centres": "y_um,z_um\n1,2\n3,nan\n"}, "assembly.centres", "finite"),
+    (FILE | {"assembly.centres": 3}, "assembly.centres", "columns y and z"),
+    (FILE | {"assembly.count": 4}, "assembly.count", "3, the number of centres"),
+    (FILE | {"assembly.void_fraction": 0.3}, "assembly.void_fraction", "no such key"),
+    (FILE | {"assembly.pitch": "9 um"}, "assembly.pitch", "no such key"),
+    (FILE | {"assembly.aspect": 2}, "assembly.aspect", "no such key"),
+    (FILE | {"assembly.first_angle": "3 deg"}, "assembly.first_angle", "no such key"),
+    (FILE | {"assembly.jitter": "1 um"}, "assembly.jitter", "overlap"),
+    (FILE | {"platens.stop": {"thickness": "90 um"}}, "platens.stop.thickness", "from 7 um"),
+    ({"assembly.centres": CENTRES}, "assembly.centres", "arrangement = 'file'"),
     # output
     ({"output.frames": 1}, "output.frames", "at least 2 and at most 5000"),
     ({"output.samples": "300"}, "output.samples", "a whole number"),
