@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
@@ -224,6 +225,52 @@ def chart(
     with ChartProgress() as progress:
         found = charts.chart_scene(scene, options, overrides, progress.update)
     print_chart(found)
+
+
+@main.command()
+@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--input-tension", "tensions", multiple=True, required=True, metavar="FORCE",
+              help='tension of the slack side, e.g. "0.52 N"; once, or once a file')  # fmt: skip
+@click.option("--wrap", "wraps", multiple=True, required=True, metavar="ANGLE",
+              help='angle of wrap, e.g. "2.87 rad"; once, or once a file')  # fmt: skip
+@click.option("--window", metavar="FROM:TO", help='steady part, e.g. "10 s:170 s" [found]')
+@click.option("--columns", metavar="A,B,C",
+              help="columns of time, displacement and force, by name or number [by their headers]")  # fmt: skip
+@click.option("--units", metavar="A,B,C", help="their units [the headers', else s,mm,N]")
+@click.option("--speed", metavar="SPEED",
+              help='of the crosshead, e.g. "10 mm/min": time is taken from the displacement')  # fmt: skip
+@click.option("--band", metavar="FROM:TO", help='frequencies of the lines, e.g. "1 Hz:8 Hz" [all]')
+@click.option("--angle", metavar="ANGLE", help="between the tows, to compare with the thesis' Table 3-1")
+@click.option("--tow", "filaments", type=float, default=12000, show_default=True, help="filaments of the tow")
+@click.option("--out", type=click.Path(path_type=Path), help="folder of tables and pictures [results/signal-FILE]")
+@click.option("--force", is_flag=True, help="overwrite an earlier analysis in the folder")
+@_guarded
+def signal(
+    files: tuple[Path, ...],
+    tensions: tuple[str, ...],
+    wraps: tuple[str, ...],
+    window: str | None,
+    columns: str | None,
+    units: str | None,
+    speed: str | None,
+    band: str | None,
+    angle: str | None,
+    filaments: float,
+    out: Path | None,
+    force: bool,
+) -> None:
+    """Friction coefficients and dominant lines of capstan test signals (several FILEs: means, or the belt law)."""
+    from cgfibre import signals
+
+    options = signals.options_from_text(
+        {"--input-tension": tensions, "--wrap": wraps, "--window": window, "--speed": speed, "--band": band,
+         "--angle": angle},
+        tuple(columns.split(",")) if columns else (),
+        tuple(units.split(",")) if units else (),
+        filaments,
+    )  # fmt: skip
+    result = signals.analyse_signals(files, replace(options, out=out or signals.default_out(files), force=force))
+    click.echo("\n".join(signals.report_lines(result)))
 
 
 @main.command()
