@@ -284,7 +284,7 @@ def scenes(name: str | None) -> None:
         click.echo(scene_module.scene_text(name), nl=False)
         return
     for shipped in scene_module.shipped_scenes():
-        click.echo(f"{shipped:24s} {scene_module.load_scene(shipped).description}")
+        click.echo(f"{shipped:24s} {scene_module.scene_description(shipped)}")
 
 
 @main.command()

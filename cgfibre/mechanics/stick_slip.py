@@ -143,28 +143,27 @@ class StickSlipLaw:
         now = replace(contacts, last=np.array(slip, dtype=np.float64))
         s = _Moving(now.phase.copy(), now.sign.copy(), now.slip.copy(), now.mu.copy())
         self._turn_back(contacts, s, slip)
-        for _ in range(100):  # a pass takes contacts that left their branch to the next one
-            if not self._leave(s, slip):
-                break
         mu, slope = self._on_branch(s, slip)
+        while self._leave(s, slip, mu):  # each pass takes contacts that left their branch to the next one
+            mu, slope = self._on_branch(s, slip)
         return mu, slope, Contacts(s.phase, s.sign, s.slip, s.mu, now.last)
 
     def _turn_back(self, before: Contacts, s: _Moving, slip: FloatArray) -> None:
-        slipping = (s.phase == Phase.DROP) | (s.phase == Phase.SLIP)
-        back = slipping & ((slip - before.last) * s.sign < 0)
+        back = _slipping(s.phase) & ((slip - before.last) * s.sign < 0)
         if not back.any():
             return
         mu = self._on_branch(s, before.last)[0]
         s.phase[back], s.slip[back], s.mu[back] = Phase.STICK, before.last[back], mu[back]
 
-    def _leave(self, s: _Moving, slip: FloatArray) -> bool:
+    def _leave(self, s: _Moving, slip: FloatArray, mu: FloatArray) -> bool:
         """Take contacts beyond the end of their branch to the next one; whether there were any."""
-        mu, _ = self._on_branch(s, slip)
-        first, stick = s.phase == Phase.FIRST_STICK, s.phase == Phase.STICK
+        first, slipping = s.phase == Phase.FIRST_STICK, _slipping(s.phase)
         side = np.where(mu < 0, -1.0, 1.0)
         # a contact that turned back in the fall of phase (ii) holds more than mu_s on that side
         limit = np.where(first, self.mu_s0, np.maximum(self.mu_s, side * s.mu))
-        over = (first | stick) & (side * mu > limit * (1 + 1e-12))
+        over = ~slipping & (side * mu > limit * (1 + 1e-12))
+        if not (slipping.any() or over.any()):
+            return False
         moved = slip - s.slip
         dropped = (s.phase == Phase.DROP) & (moved * s.sign >= self.drop_slip)
         slipped = (s.phase == Phase.SLIP) & (moved * s.sign >= self.slip_length)
@@ -194,6 +193,8 @@ class StickSlipLaw:
         soft = self.restick * self.stiffness
         stiffness = np.where(s.phase == Phase.FIRST_STICK, self.stiffness, soft)
         elastic = s.mu + stiffness * moved
+        if not _slipping(s.phase).any():
+            return elastic, stiffness
         along = np.maximum(s.sign * moved, 0.0)
         falling = s.sign * self._falling(along / self.drop_slip)
         waved = s.sign * self._cosine(along)
@@ -202,6 +203,10 @@ class StickSlipLaw:
         wave_slope = -(self.mu_s - self.mu_k) * turn * np.sin(turn * along)
         which = [s.phase == Phase.DROP, s.phase == Phase.SLIP]
         return np.select(which, [falling, waved], elastic), np.select(which, [fall_slope, wave_slope], stiffness)
+
+
+def _slipping(phase: IntArray) -> npt.NDArray[np.bool_]:
+    return (phase == Phase.DROP) | (phase == Phase.SLIP)
 
 
 @dataclass
