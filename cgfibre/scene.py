@@ -173,7 +173,8 @@ class _Table(BaseModel):
 
 
 #: for the scenes of other tests, which have tables of their own
-Table, refusal = _Table, _refusal
+Table = _Table
+refusal = _refusal
 
 
 class Filament(_Table):

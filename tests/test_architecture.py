@@ -24,6 +24,7 @@ LAYERS = [
     {"review", "cases", "plot_friction"},
     {"pictures", "certify"},
     {"workflow", "stability", "signals"},
+    {"capstan"},
     {"chart"},
     {"doctor", "report"},
     {"cli"},

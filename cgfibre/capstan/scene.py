@@ -11,10 +11,10 @@ from typing import Annotated, Literal
 import tomli_w
 from pydantic import model_validator
 
+from cgfibre import units
 from cgfibre.capstan.column import LARGEST_TURN, Column
 from cgfibre.errors import InputError
 from cgfibre.mechanics.stick_slip import StickSlipLaw
-from cgfibre import units
 from cgfibre.scene import Filament, Table, Value, read_tables, refusal, validated
 
 Length = Annotated[float, Value("um", above=0.0, most=1e7)]

@@ -129,7 +129,8 @@ def run_belt(engine: Engine, folder: Path, rig: Rig, friction: float, between: f
     if len(frames) < 3:
         raise EngineError("the capstan deck left no frames", f"read {folder / 'log.lammps'}")
     tension = [
-        rig.stiffness[:, None] * (np.linalg.norm(np.diff(x, axis=1), axis=2) - rig.spacings[:, None]) for x in frames[-2:]
+        rig.stiffness[:, None] * (np.linalg.norm(np.diff(x, axis=1), axis=2) - rig.spacings[:, None])
+        for x in frames[-2:]
     ]
     change = float(tension[1][:, 0].sum() / tension[0][:, 0].sum()) - 1
     if not abs(change) < STEADY:
@@ -137,11 +138,9 @@ def run_belt(engine: Engine, folder: Path, rig: Rig, friction: float, between: f
     return BeltRun(tension[1], spent, change)
 
 
-def capstan_data(
-    rig: Rig, points: FloatArray, natural: FloatArray, mass: float, pair: tuple[str, str]
-) -> DataFile:
-    """Data file of the chains at ``points`` (n, m, 2) um with bonds of length ``natural`` (n,) um at rest, ``mass`` pg a
-    bead; ``pair`` style and coefficients."""
+def capstan_data(rig: Rig, points: FloatArray, natural: FloatArray, mass: float, pair: tuple[str, str]) -> DataFile:
+    """Data file of the chains at ``points`` (n, m, 2) um with bonds of length ``natural`` (n,) um at rest, beads of
+    ``mass`` pg; ``pair`` style and coefficients."""
     n, m = points.shape[:2]
     xy = points.reshape(-1, 2)
     kind = np.ones((n, m), dtype=np.int64)
