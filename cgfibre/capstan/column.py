@@ -208,7 +208,7 @@ def pull(column: Column, duration: float, step: float, kept: npt.ArrayLike = ())
         keep(i, tension)
     order = sorted(tensions)
     return ColumnResult(
-        np.arange(steps + 1) * step,
+        np.asarray(np.arange(steps + 1) * step),
         force,
         np.array(order) * step,
         np.array([tensions[i] for i in order]),

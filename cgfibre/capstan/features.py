@@ -85,7 +85,7 @@ def sensitivities(law: StickSlipLaw, wrap: float) -> dict[tuple[str, str], Mappi
             order = {c: getattr(law, c) + (CHANGE if c == name else 0.0) for c in COEFFICIENTS}
             if not order["mu_k"] <= order["mu_s"] <= order["mu_s0"]:
                 continue
-            other = features(changed(law, name, CHANGE, fixed), wrap)  # type: ignore[arg-type]
+            other = features(changed(law, name, CHANGE, fixed), wrap)
             # over nothing, of a law without stick-slip, there is no relative change
             found[name, fixed] = {
                 key: getattr(other, key) / value - 1 if value else np.nan for key, value in vars(base).items()

@@ -148,7 +148,9 @@ class _Problem:
         low = np.concatenate([[1e-3, 0.0, 1e-3], np.full(others, -3.0)])
         high = np.concatenate([[3.0, 0.95, 1.0], np.full(others, 3.0)])
         inside = np.clip(p, low + 1e-9, high - 1e-9)
-        fit = least_squares(self.residual, inside, bounds=(low, high), x_scale="jac", diff_step=1e-7, args=(upto,))
+        fit = least_squares(
+            self.residual, inside, bounds=(low, high), x_scale="jac", diff_step=np.full(len(p), 1e-7), args=(upto,)
+        )
         return np.asarray(fit.x)
 
 
@@ -285,8 +287,9 @@ def column_identifiability(column: Column, step: float, duration: float, noise: 
         law: StickSlipLaw = getattr(column, where)
         for name in COEFFICIENTS:
             change = COLUMN_STEP if _room(law, name) >= COLUMN_STEP else -COLUMN_STEP
-            other = replace(column, **{where: replace(law, **{name: getattr(law, name) + change})})
-            columns.append((signals(other) - base) / change)
+            other = replace(law, **{name: getattr(law, name) + change})
+            two = (other, column.between) if where == "pulley" else (column.pulley, other)
+            columns.append((signals(replace(column, pulley=two[0], between=two[1])) - base) / change)
     jacobian = np.array(columns)  # (6, 1 + filaments, samples)
     total = identifiability(COLUMN_COEFFICIENTS, jacobian[:, 0].T, noise)
     each = identifiability(COLUMN_COEFFICIENTS, jacobian[:, 1:].reshape(len(columns), -1).T, noise)

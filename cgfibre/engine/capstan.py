@@ -39,7 +39,7 @@ class Rig:
     @property
     def radii(self) -> FloatArray:
         """(n,) um: of the circles on which the beads of each filament stand, just touching."""
-        return self.radius + self.diameter * (np.arange(self.filaments) + 0.5)
+        return np.asarray(self.radius + self.diameter * (np.arange(self.filaments) + 0.5))
 
     @property
     def spacings(self) -> FloatArray:

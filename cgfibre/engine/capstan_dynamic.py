@@ -23,7 +23,7 @@ from cgfibre.build.system import FloatArray
 from cgfibre.engine.capstan import Rig, capstan_data
 from cgfibre.engine.datafile import write_data
 from cgfibre.engine.deck import write_deck
-from cgfibre.engine.lammps import _die_with_parent, mpi_library
+from cgfibre.engine.lammps import die_with_parent, mpi_library
 from cgfibre.errors import EngineError
 from cgfibre.mechanics.stick_slip import Contacts, StickSlipLaw
 
@@ -91,13 +91,13 @@ def run_dynamic(folder: Path, rig: Rig, pull: Pull) -> DynamicRun:
     start = time.perf_counter()
     with (folder / "engine.err").open("wb") as err:
         done = subprocess.run(
-            [sys.executable, "-m", __spec__.name if __name__ == "__main__" else __name__, "."],
+            [sys.executable, "-m", __name__, "."],
             cwd=folder,
             env=environment,
             stdin=subprocess.DEVNULL,
             stdout=err,
             stderr=err,
-            preexec_fn=_die_with_parent,
+            preexec_fn=die_with_parent,
             check=False,
         )
     if done.returncode != 0 or not (folder / RESULT).exists():
@@ -146,8 +146,8 @@ def _main(folder: Path) -> None:
     """The child process: run the deck in ``folder`` with its contacts, write the tensions."""
     job = json.loads((folder / JOB).read_text())
     rig = Rig(**job["rig"])
-    laws = {key: StickSlipLaw(**job["pull"].pop(key)) for key in ("pulley", "between")}
-    pull = Pull(**job["pull"], **laws)
+    pulley, between = (StickSlipLaw(**job["pull"].pop(key)) for key in ("pulley", "between"))
+    pull = Pull(**job["pull"], pulley=pulley, between=between)
     library = mpi_library()
     if library is not None:
         ctypes.CDLL(str(library), ctypes.RTLD_GLOBAL)
