@@ -77,6 +77,13 @@ def new_figure(width: float = 7.2, height: float = 4.4) -> Figure:
         return fig
 
 
+def shades(n: int) -> list[tuple[float, float, float, float]]:
+    """``n`` colours in order, dark to light (viridis, without its palest part)."""
+    import matplotlib
+
+    return [matplotlib.colormaps["viridis"](x) for x in np.linspace(0.0, 0.88, n)]
+
+
 def new_axes(width: float = 7.2, height: float = 4.4) -> Axes:
     """One axes on a new figure in the style of the package; its figure is ``ax.figure``."""
     with style():

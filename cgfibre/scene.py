@@ -18,7 +18,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import tomli_w
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
@@ -51,6 +51,7 @@ class _Abridged:
 
 
 NOT_GIVEN = _NotGiven()
+T = TypeVar("T", bound=BaseModel)
 
 
 def _refusal(key: str, value: object, expected: str) -> PydanticCustomError:
@@ -201,6 +202,11 @@ class _Table(BaseModel):
     def _shown(self, key: str) -> object:
         """The value of a field as the scene writes it."""
         return self.model_dump(include={key})[key]
+
+
+#: for the scenes of other tests, which have tables of their own
+Table = _Table
+refusal = _refusal
 
 
 class Filament(_Table):
@@ -782,6 +788,14 @@ def load_scene(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
     place of the one that the scene gives. A file without a name is named after itself.
     Raises :class:`InputError` for whatever is wrong with the file, the overrides or the scene.
     """
+    data = read_tables(source, overrides)
+    if "capstan" in data:
+        raise InputError("scene", str(source), f"a compaction scene; this is a friction test: cgfibre capstan {source}")
+    return scene_from_dict(data)
+
+
+def read_tables(source: str | Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """The tables of a TOML file or of a shipped scene, named and with overrides, not yet validated."""
     text, name = _source(source)
     try:
         data = tomllib.loads(text)
@@ -791,7 +805,7 @@ def load_scene(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
     _insert_centres(data, Path(source).parent)
     _override(data, overrides)
     _insert_centres(data, Path())
-    return scene_from_dict(data)
+    return data
 
 
 def scene_from_dict(data: Mapping[str, Any]) -> Scene:
@@ -799,10 +813,15 @@ def scene_from_dict(data: Mapping[str, Any]) -> Scene:
 
     Keys whose value is ``None`` count as not given.
     """
+    return validated(Scene, data)
+
+
+def validated(kind: type[T], data: Mapping[str, Any]) -> T:
+    """A scene of the ``kind`` from nested tables; raises :class:`InputError` for the first thing wrong."""
     try:
-        return Scene.model_validate(_without_none(data))
+        return kind.model_validate(_without_none(data))
     except ValidationError as error:
-        raise _translated(error) from None
+        raise _translated(error, kind) from None
 
 
 def shipped_scenes() -> list[str]:
@@ -810,6 +829,11 @@ def shipped_scenes() -> list[str]:
     files = resources.files("cgfibre").joinpath("scenes").iterdir()
     names = [f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")]
     return sorted(names, key=_natural)
+
+
+def scene_description(name: str) -> str:
+    """What a shipped scene says of itself, whatever test it is of."""
+    return str(tomllib.loads(scene_text(name)).get("description", ""))
 
 
 def scene_text(name: str) -> str:
@@ -912,13 +936,13 @@ def _field_value(model: type[BaseModel], key: str) -> Value:
     return next(m for m in model.model_fields[key].metadata if isinstance(m, Value))
 
 
-def _translated(error: ValidationError) -> InputError:
+def _translated(error: ValidationError, root: type[BaseModel]) -> InputError:
     """The first error, but a misspelt key before the one that is missed for it."""
     found = error.errors(include_url=False)
-    return _input_error(min(found, key=lambda e: e["type"] != "extra_forbidden"))
+    return _input_error(min(found, key=lambda e: e["type"] != "extra_forbidden"), root)
 
 
-def _input_error(error: ErrorDetails) -> InputError:
+def _input_error(error: ErrorDetails, root: type[BaseModel]) -> InputError:
     loc = [str(part) for part in error["loc"]]
     context = error.get("ctx", {})
     # a quoted TOML key can hold anything
@@ -927,17 +951,17 @@ def _input_error(error: ErrorDetails) -> InputError:
         inner = context["key"]
         return InputError(".".join(p for p in (key, inner) if p), _shown_value(context["value"]), context["expected"])
     if error["type"] == "extra_forbidden":
-        return InputError(key, _shown_value(value), "a known key" + _meant_key(loc))
+        return InputError(key, _shown_value(value), "a known key" + _meant_key(loc, root))
     if error["type"] == "missing":
         value = NOT_GIVEN
         if loc[0] == "filament" and len(loc) == 2:
-            return InputError(key, value, f"{_expected(loc)} (or filament.material = {_one_of(MATERIALS)})")
-    return InputError(key, _shown_value(value), _expected(loc) + _later(key, value))
+            return InputError(key, value, f"{_expected(loc, root)} (or filament.material = {_one_of(MATERIALS)})")
+    return InputError(key, _shown_value(value), _expected(loc, root) + _later(key, value))
 
 
-def _expected(loc: Sequence[str]) -> str:
+def _expected(loc: Sequence[str], root: type[BaseModel]) -> str:
     """What a key takes, from its field."""
-    field = _field(loc)
+    field = _field(loc, root)
     if field is None:
         return "a table of keys"
     for metadata in field.metadata:
@@ -953,8 +977,8 @@ def _expected(loc: Sequence[str]) -> str:
     return "text in quotes"
 
 
-def _field(loc: Sequence[str]) -> FieldInfo | None:
-    model: type[BaseModel] | None = Scene
+def _field(loc: Sequence[str], root: type[BaseModel]) -> FieldInfo | None:
+    model: type[BaseModel] | None = root
     field = None
     for key in loc:
         field = model.model_fields.get(key) if model is not None else None
@@ -972,12 +996,12 @@ def _model(field: FieldInfo) -> type[BaseModel] | None:
     return None
 
 
-def _meant_key(loc: Sequence[str]) -> str:
+def _meant_key(loc: Sequence[str], root: type[BaseModel]) -> str:
     """The key of that name in another table, or the one of the same table that looks most alike."""
     *parents, last = loc
-    parent = _field(parents) if parents else None
-    model = _model(parent) if parent is not None else Scene if not parents else None
-    meant = [key for key in _all_keys(Scene) if key.rpartition(".")[2] == last]
+    parent = _field(parents, root) if parents else None
+    model = _model(parent) if parent is not None else root if not parents else None
+    meant = [key for key in _all_keys(root) if key.rpartition(".")[2] == last]
     if not meant:
         near = difflib.get_close_matches(last, model.model_fields if model is not None else (), n=1)
         meant = [".".join([*parents, key]) for key in near]

@@ -193,7 +193,7 @@ def engine_version(engine: Engine) -> str:
     return found.group(1).strip() if found else "unknown"
 
 
-def _die_with_parent() -> None:
+def die_with_parent() -> None:
     """Linux: the engine never outlives the process that started it, so a killed run leaves nothing computing."""
     if sys.platform.startswith("linux"):
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)
@@ -242,7 +242,7 @@ def run_deck(
             stdin=subprocess.DEVNULL,
             stdout=err,
             stderr=err,
-            preexec_fn=_die_with_parent,
+            preexec_fn=die_with_parent,
         )
         try:
             ended, status, usage = os.wait4(process.pid, os.WNOHANG)
