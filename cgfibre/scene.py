@@ -190,6 +190,37 @@ class CentresText:
         return None if value is None else "y_um,z_um\n" + "".join(f"{y!r},{z!r}\n" for y, z in value)
 
 
+class AngleTable:
+    """Annotation of friction against the crossing angle: [["0 deg", 0.42], ["90 deg", 0.23]] to pairs (rad, mu)."""
+
+    expected: ClassVar[str] = 'rows of a rising angle and a coefficient, such as [["0 deg", 0.42], ["90 deg", 0.23]]'
+
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self.read, serialization=core_schema.plain_serializer_function_ser_schema(self.write)
+        )
+
+    def read(self, value: object) -> tuple[tuple[float, float], ...]:
+        """((angle rad, mu), ...); an error that pydantic carries if it is no such table."""
+        if not isinstance(value, list | tuple) or len(value) < 2:
+            raise _refusal("", value, self.expected)
+        rows = []
+        for row in value:
+            try:
+                angle, mu = row
+                rows.append((units.parse(angle, "rad", ""), Value(least=0.0, most=2.0).read(mu)))
+            except (TypeError, ValueError, InputError, PydanticCustomError):
+                raise _refusal("", row, self.expected) from None
+        angles = [angle for angle, _ in rows]
+        if angles != sorted(set(angles)) or angles[0] < 0 or angles[-1] > math.pi / 2 * (1 + 1e-12):
+            raise _refusal("", value, self.expected + ", between 0 and 90 deg")
+        return tuple((float(angle), float(mu)) for angle, mu in rows)
+
+    def write(self, value: tuple[tuple[float, float], ...] | None) -> list[list[object]] | None:
+        """The rows that :meth:`read` takes back to ``value``."""
+        return None if value is None else [[units.format(angle, "rad"), mu] for angle, mu in value]
+
+
 PoissonRatio = Annotated[float, Value(least=0.0, most=0.5)]
 Friction = Annotated[float, Value(least=0.0, most=2.0)]
 
@@ -444,11 +475,15 @@ class Contact(_Table):
 
     ``shape``: filaments touch along their segments (capsule, needs the plugin) or bead by bead. ``line_load`` is where
     the secant stiffness of the line contact is taken; ``softening`` divides that stiffness; ``damping_ratio`` is that
-    of two beads or stretches on their contact.
+    of two beads or stretches on their contact. ``kinetic_friction``: that of filaments that slip, where it is less than
+    the static one; ``friction_by_angle``: the static one against the angle at which filaments cross, in place of
+    ``friction`` (with ``kinetic_friction`` over ``friction`` as its ratio). Both for capsules.
     """
 
     shape: Literal["auto", "capsule", "beads"] = "auto"
     friction: Friction = 0.2
+    kinetic_friction: Annotated[float | None, Value(least=0.0, most=2.0)] = None
+    friction_by_angle: Annotated[tuple[tuple[float, float], ...] | None, AngleTable()] = None
     law: Literal["auto", "hooke", "hertz", "line"] = "auto"
     line_load: LineForce = 1.0e6  # 1 N/mm
     softening: AutoFactor = "auto"
@@ -680,6 +715,13 @@ def _check_shape(scene: Scene) -> None:
     if law == "line" and (shape == "beads" or level == "section"):
         where = "contact.shape = 'beads'" if shape == "beads" else "level = 'section'"
         raise _refusal("contact.law", law, f"'auto', 'hooke' or 'hertz' with {where}: the line law is for capsules")
+    if scene.contact.kinetic_friction is not None and scene.contact.kinetic_friction > scene.contact.friction:
+        expected = f"at most contact.friction, {scene.contact.friction:g}"
+        raise _refusal("contact.kinetic_friction", scene.contact.kinetic_friction, expected)
+    for key in ("kinetic_friction", "friction_by_angle"):
+        if getattr(scene.contact, key) is not None and (shape == "beads" or level == "section" or law == "hertz"):
+            expected = "no such key: it belongs to contact.shape = 'capsule' and the levels chain and rod"
+            raise _refusal(f"contact.{key}", _Abridged("(given)"), expected)
     if shape == "capsule" and level == "section":
         raise _refusal("contact.shape", shape, "'auto' or 'beads' with level = 'section': its filaments are discs")
 

@@ -75,7 +75,9 @@ def _with_plugin_or_beads(scene: Scene, engine: Engine | None, begun: Path | Non
 
     A run goes on as it was ``begun`` (its scene.toml), whatever has become of the plugin since: its deck has its own.
     """
-    if scene.contact.shape != "auto" or scene.contact.law == "line":
+    c = scene.contact
+    capsules = c.law == "line" or c.kinetic_friction is not None or c.friction_by_angle is not None
+    if c.shape != "auto" or capsules:
         return scene
     if begun is not None and begun.exists():
         missing = load_scene(begun).contact.shape == "beads"

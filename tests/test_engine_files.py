@@ -1,6 +1,7 @@
 """What the package writes for the engine, and how it reads what the engine wrote."""
 
 import re
+import tomllib
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from cgfibre import workflow
 from cgfibre.engine import collect, deck, dump
 from cgfibre.engine.assemble import assemble
 from cgfibre.engine.datafile import DataFile, Topology, group_types, write_data
+from cgfibre.engine.lammps import find_engine, run_deck
 from cgfibre.plan.system import build_system
+from cgfibre.scene import load_scene, scene_from_dict
 
 DECKS = ("in.chain", "in.rod", "in.section")
 CAPSTANS = ("in.capstan", "in.capstan_dynamic")
@@ -358,3 +361,33 @@ def test_mending_cuts_the_unfinished_row_alone(tmp_path):
     (tmp_path / "record.txt").write_text("12 3")
     dump.mend_tables(tmp_path)
     assert (tmp_path / "record.txt").read_text() == ""
+
+
+# --- smooth filaments -------------------------------------------------------------------------------------------------
+
+
+SHORT = {"load_steps": "40", "unload": "0", "sample_steps": "20", "sample_every": "10", "block_steps": "20"}
+
+
+def test_friction_of_capsules_goes_to_the_deck_in_the_words_of_the_plugin(tmp_path):
+    """Static and kinetic; against the crossing angle, in a table of its own. The deck takes them as one word."""
+    scene = load_scene("carbon-7", ["contact.kinetic_friction=0.15"])
+    folder = workflow.build_scene("carbon-7", tmp_path / "kinetic", ["contact.kinetic_friction=0.15"])
+    words = 'variable contact_friction index "0.20000000000000001 kinetic 0.14999999999999999"\n'
+    assert words in (folder / "parameters.inc").read_text()
+    assert scene_from_dict(tomllib.loads(scene.to_toml())) == scene
+
+    rows = 'contact.friction_by_angle=[["0 deg", 0.42], ["45 deg", 0.2], ["90 deg", 0.23]]'
+    scene = load_scene("carbon-7", [rows])
+    assert scene_from_dict(tomllib.loads(scene.to_toml())) == scene
+    folder = workflow.build_scene("carbon-7", tmp_path / "angle", [rows])
+    table = [line.split() for line in (folder / "friction.txt").read_text().splitlines()[3:]]
+    assert [[float(x) for x in row] for row in table] == [
+        [1, 0, 0.42],
+        [2, pytest.approx(45), 0.2],
+        [3, pytest.approx(90), 0.23],
+    ]
+    # and the engine takes them: parallel filaments slip at the coefficient of 0 degrees
+    run_deck(find_engine(), folder, "in.chain", variables=SHORT)
+    log = (folder / "log.lammps").read_text()
+    assert "friction angle friction.txt FRICTION ratio 1" in log

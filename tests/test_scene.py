@@ -434,6 +434,15 @@ BAD = [
     # contact
     ({"contact.law": "hook"}, "contact.law", "'auto', 'hooke', 'hertz' or 'line'"),
     ({"contact.law": "hertz", "contact.shape": "capsule"}, "contact.law", "hertz is for beads"),
+    ({"contact.kinetic_friction": 0.3}, "contact.kinetic_friction", "at most contact.friction, 0.2"),
+    ({"contact.kinetic_friction": 0.1, "contact.shape": "beads"}, "contact.kinetic_friction", "contact.shape"),
+    ({"contact.friction_by_angle": [["0 deg", 0.4]]}, "contact.friction_by_angle", "rows of a rising angle"),
+    ({"contact.friction_by_angle": [["0 deg", 0.4], [90, 0.2]]}, "contact.friction_by_angle", "rows of a rising angle"),
+    (
+        {"contact.friction_by_angle": [["50 deg", 0.4], ["20 deg", 0.2]]},
+        "contact.friction_by_angle",
+        "between 0 and 90 deg",
+    ),
     ({"contact.law": "line", "contact.shape": "beads"}, "contact.law", "the line law is for capsules"),
     ({"contact.shape": "capsule", "model.level": "section"}, "contact.shape", "its filaments are discs"),
     ({"contact.line_load": "1 N"}, "contact.line_load", "a force per length such as '1 N/mm'"),

@@ -16,6 +16,7 @@ from cgfibre.engine.assemble import assemble
 from cgfibre.engine.datafile import write_data
 from cgfibre.engine.deck import write_deck
 from cgfibre.engine.dump import RawRecord, read_record
+from cgfibre.engine.job import write_tables
 from cgfibre.engine.lammps import EngineTime, find_engine, run_deck
 from cgfibre.engine.plugin import copy_plugin, needs_plugin, plugin_variables
 from cgfibre.plan.make import make_plan
@@ -118,8 +119,7 @@ def run_on(
     deck = assemble(system, plan)
     write_deck(folder, deck.name, deck.parameters, "cgfibre experiment")
     write_data(folder / "system.data", deck.data)
-    for name, column in deck.tables.items():
-        (folder / name).write_text("".join(f"{x:.17g}\n" for x in column.tolist()))
+    write_tables(folder, deck)
     text = (folder / deck.name).read_text()
     last = "include         phases.inc"
     if text.count(last) != 1:

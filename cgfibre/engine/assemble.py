@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
+from cgfibre.engine.capsule import capsule_parameters, friction_table
 from cgfibre.engine.datafile import DataFile, Topology, group_types
 from cgfibre.engine.mirror import right_half
 from cgfibre.errors import InputError
@@ -29,12 +30,14 @@ ANGLE_GAUGE = 1e-6
 
 @dataclass(frozen=True)
 class Deck:
-    """A deck's name, its parameters and its data file; ``tables`` are further files by name (one number a line)."""
+    """A deck's name, its parameters and its data file; ``tables`` are further files by name (one number a line),
+    ``texts`` those of any form."""
 
     name: str
     parameters: dict[str, float | int | str]
     data: DataFile
     tables: dict[str, FloatArray]
+    texts: Mapping[str, str] = field(default_factory=dict)
 
 
 def pair_words(contact: Contact) -> str:
@@ -142,7 +145,7 @@ def _common(system: FilamentSystem, plan: Plan) -> dict[str, float | int | str]:
     if p.shape == "crimped":
         values |= _crimp(plan, top, bottom)
     if plan.contact.per_length:
-        values |= _capsules(plan)
+        values |= capsule_parameters(plan)
     return values
 
 
@@ -151,28 +154,6 @@ def _platen_file(plan: Plan) -> str:
     if plan.level == "section":
         return "section"
     return f"capsule_{plan.platens.shape}" if plan.contact.per_length else plan.platens.shape
-
-
-def _capsules(plan: Plan) -> dict[str, float | int | str]:
-    """Parameters of filaments that touch along their segments."""
-    c, p, gaps = plan.contact, plan.platens, np.diff(plan.beads.stations)
-    touch = np.isin(plan.beads.role, (CONTACT, LEFT, RIGHT) if plan.beads.support == "simple" else (CONTACT, RIGHT))
-    longest = max(plan.spacing, float(np.max(gaps[touch[:-1] & touch[1:]], initial=0.0)))
-    line = c.law == "line"
-    return {
-        "contact_shape": "capsule",
-        # filaments stretch a little; the style refuses half as much again
-        "segment_um": 1.05 * longest,
-        "capsule_spin": "yes" if plan.level == "rod" else "no",
-        "ends_touch": {"simple": "both", "symmetric": "right"}.get(plan.beads.support, "none"),
-        "contact_law": c.law,
-        "contact_stiffness_kPa": c.modulus if line else c.kn,
-        "contact_damping": c.gamma,
-        "contact_kt_ratio": c.kt / c.kn,
-        "contact_friction": c.friction,
-        "platen_stiffness_kPa": p.modulus if line else p.kn,
-        "platen_damping": p.gamma,
-    }
 
 
 def crimp_cylinders(plan: Plan, top: float, bottom: float) -> tuple[float, float]:
@@ -305,7 +286,7 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
         parameters |= {"mirror": 2, "plane_x_um": float(plan.beads.stations[1])}
     if plan.beads.support == "condensed":
         parameters["far_transverse_nN_um"], parameters["far_axial_nN_um"] = plan.beads.far_spring
-    return Deck("in.chain", parameters, data, {})
+    return Deck("in.chain", parameters, data, {}, friction_table(plan.contact))
 
 
 def _ghost_cutoff(system: FilamentSystem, plan: Plan) -> float:
@@ -471,7 +452,7 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         "bond_lengths.txt": rest[first_row],
         "bond_masses.txt": lighter[first_row],
     }
-    return Deck("in.rod", parameters, data, tables)
+    return Deck("in.rod", parameters, data, tables, friction_table(plan.contact))
 
 
 def _check_upright(vectors: FloatArray) -> None:

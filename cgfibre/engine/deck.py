@@ -43,7 +43,9 @@ def declared_variables(deck: str) -> dict[str, str]:
 
 
 def _number(value: float | int | str) -> str:
-    return value if isinstance(value, str) else f"{value:.17g}" if isinstance(value, float) else str(value)
+    if isinstance(value, str):
+        return f'"{value}"' if " " in value else value  # one value of the variable, not several
+    return f"{value:.17g}" if isinstance(value, float) else str(value)
 
 
 def write_deck(folder: Path, deck: str, parameters: Mapping[str, float | int | str], about: str) -> None:

@@ -51,12 +51,19 @@ def write_job(folder: Path, system: FilamentSystem, plan: Plan, about: str, engi
     write_deck(folder, deck.name, deck.parameters, about)
     if needs_plugin(folder):
         copy_plugin(folder, engine or find_engine())
-    for name, column in deck.tables.items():
-        (folder / name).write_text("".join(f"{x:.17g}\n" for x in column.tolist()))
+    write_tables(folder, deck)
     # last and at once: where system.data is, the deck is whole
     write_data(folder / "system.data.part", deck.data)
     os.replace(folder / "system.data.part", folder / "system.data")
     return folder
+
+
+def write_tables(folder: Path, deck: Deck) -> None:
+    """Write the files that a deck reads beside its data file."""
+    for name, column in deck.tables.items():
+        (folder / name).write_text("".join(f"{x:.17g}\n" for x in column.tolist()))
+    for name, text in deck.texts.items():
+        (folder / name).write_text(text)
 
 
 def run_job(

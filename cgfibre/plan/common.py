@@ -71,9 +71,15 @@ def platens(scene: Scene, contact: ContactPlan, contact_length: float, edges: bo
 
 def friction(scene: Scene) -> Choice:
     """The coefficients of friction."""
+    c = scene.contact
+    between = f"{c.friction:g}"
+    if c.friction_by_angle is not None:
+        between = ", ".join(f"{mu:g} at {math.degrees(angle):.3g} deg" for angle, mu in c.friction_by_angle)
+    if c.kinetic_friction is not None:
+        between += f" (slipping {c.kinetic_friction / c.friction if c.friction else 1:.3g} times that)"
     return Choice(
         "friction",
-        f"{scene.contact.friction:g} between filaments, {scene.platens.friction:g} on platens",
+        f"{between} between filaments, {scene.platens.friction:g} on platens",
         "Coulomb, stated separately in the scene; a filament never touches itself",
     )
 

@@ -153,6 +153,8 @@ def plan_capsule(scene: Scene, law: str, spacing: float, mass_per_length: float,
         line_stiffness=real,
         shape="capsule",
         modulus=between.modulus / softening,
+        kinetic=scene.contact.kinetic_friction,
+        by_angle=scene.contact.friction_by_angle,
     )
     wall_gamma = float(damping_coefficient(zeta, wall / softening, mass_per_length))
     lever = scene.filament.diameter / (2 * spacing)

@@ -75,7 +75,8 @@ class Contact:
     ``shape`` beads: ``law`` hooke (kn nN/um) or hertz (kn kPa), with ``kt``, ``gamma`` (nN us/um), friction. ``shape``
     capsule: the same per length of contact, kn, kt in kPa, gamma in nN us/um^2, ``law`` hooke or line: then kn is the
     secant at the design load and ``modulus`` kPa the E* of the line contact, softened. ``line_stiffness`` kPa is the
-    real secant stiffness per length that ``softening`` divides.
+    real secant stiffness per length that ``softening`` divides. ``kinetic`` friction of what slips (None: as
+    ``friction``); ``by_angle`` ((angle rad, mu), ...) in the place of ``friction``.
     """
 
     law: str
@@ -87,6 +88,8 @@ class Contact:
     line_stiffness: float
     shape: str = "beads"
     modulus: float = 0.0
+    kinetic: float | None = None
+    by_angle: tuple[tuple[float, float], ...] | None = None
 
     @property
     def per_length(self) -> bool:
