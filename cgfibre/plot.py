@@ -77,6 +77,13 @@ def new_figure(width: float = 7.2, height: float = 4.4) -> Figure:
         return fig
 
 
+def shades(n: int) -> list[tuple[float, float, float, float]]:
+    """``n`` colours in order, dark to light (viridis, without its palest part)."""
+    import matplotlib
+
+    return [matplotlib.colormaps["viridis"](x) for x in np.linspace(0.0, 0.88, n)]
+
+
 def new_axes(width: float = 7.2, height: float = 4.4) -> Axes:
     """One axes on a new figure in the style of the package; its figure is ``ax.figure``."""
     with style():
@@ -923,3 +930,98 @@ def plot_limits(ax: Axes, view: LimitView, series: Sequence[LimitSeries]) -> Axe
             labels.append(label)
     ax.legend(handles, labels, loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=9)
     return ax
+
+
+# --- micrographs -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Finds:
+    """A grey ``picture`` (rows, columns), circles found in it and its scale ``pixels_per_um``.
+
+    ``centres`` (n, 2) and ``diameter`` (n,) in pixels, x right, y down.
+    """
+
+    picture: np.typing.NDArray[np.floating[Any]]
+    centres: FloatArray
+    diameter: FloatArray
+    pixels_per_um: float
+
+
+def plot_finds(ax: Axes, finds: Finds) -> Axes:
+    """The picture with the circles found in it, their middles and a scale bar; axes in um from the lower left."""
+    from matplotlib.collections import EllipseCollection
+
+    rows, columns = finds.picture.shape
+    scale = finds.pixels_per_um
+    low, high = np.percentile(finds.picture[:: max(rows // 500, 1), :: max(columns // 500, 1)], [0.5, 99.5])
+    with style():
+        extent = (0, columns / scale, 0, rows / scale)
+        ax.imshow(
+            finds.picture, cmap="gray", vmin=low, vmax=max(high, low + 1), extent=extent, interpolation="antialiased"
+        )
+        y = (finds.centres[:, 0] + 0.5) / scale
+        z = (rows - 0.5 - finds.centres[:, 1]) / scale
+        d = finds.diameter / scale
+        offsets = np.stack([y, z], axis=1)
+        inches = ax.get_position().width * ax.figure.get_figwidth()  # type: ignore[union-attr]
+        dots = DPI * inches * float(np.median(d)) / extent[1] if len(d) else 0.0
+        ax.add_collection(
+            EllipseCollection(
+                d,
+                d,
+                np.zeros(len(d)),
+                units="xy",
+                offsets=offsets,
+                offset_transform=ax.transData,
+                facecolors="none",
+                edgecolors=VERMILION,
+                linewidths=float(np.clip(dots / 20, 0.5, 1.6)),
+            ),
+            autolim=False,
+        )
+        ax.plot(y, z, ".", color=BLUE, ms=float(np.clip(dots / 8, 0.8, 5)), mew=0)
+        ax.set_xlim(0, extent[1])
+        ax.set_ylim(0, extent[3])
+        ax.grid(False)
+        ax.set_xlabel("y (µm)")
+        ax.set_ylabel("z (µm)")
+        ax.set_title(f"{len(d)} filaments found", loc="left")
+    return ax
+
+
+def figure_finds(finds: Finds) -> Figure:
+    """:func:`plot_finds` in a figure of about the picture's own pixels (7 to 16 inches wide)."""
+    rows, columns = finds.picture.shape
+    width = float(np.clip(columns / DPI, 7.0, 16.0))
+    fig = new_figure(width, float(np.clip(width * rows / columns, 2.5, 16.0)) + 0.6)
+    with style():
+        plot_finds(fig.add_subplot(), finds)
+    return fig
+
+
+@dataclass(frozen=True)
+class Histogram:
+    """Values and the label of their axis, with its unit."""
+
+    values: FloatArray
+    label: str
+
+
+def figure_histograms(histograms: Sequence[Histogram]) -> Figure:
+    """Histograms side by side, each with its mean and s.d. in the title; an empty one says so."""
+    fig = new_figure(3.6 * len(histograms), 3.3)
+    with style():
+        axes = np.atleast_1d(fig.subplots(1, len(histograms)))
+        for ax, h in zip(axes, histograms, strict=True):
+            values = h.values[np.isfinite(h.values)]
+            ax.set_xlabel(h.label)
+            if not len(values):
+                ax.set_title("too few filaments", loc="left")
+                continue
+            ax.hist(values, int(np.clip(2 * np.cbrt(len(values)), 5, 60)), color=BLUE, alpha=0.75, lw=0)
+            sd = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
+            ax.set_title(f"{np.mean(values):.3g} ± {sd:.2g}", loc="left")
+            ax.axvline(float(np.mean(values)), color=INK, lw=1.2, ls=(0, (4, 2)))
+        axes[0].set_ylabel("Filaments (1)")
+    return fig

@@ -16,8 +16,10 @@ from cgfibre.errors import InputError
 from cgfibre.measure import compaction, distribution, guards
 from cgfibre.measure.contacts import Contacts, CylinderPlaten, FlatPlaten, filament_contacts
 from cgfibre.measure.guards import Guard
+from cgfibre.measure.segments import LineLaw, segment_contacts
+from cgfibre.mechanics.contact import LineContact
 from cgfibre.plan.contact import OVERLAP_LIMIT
-from cgfibre.plan.model import Plan
+from cgfibre.plan.model import FREE, Plan
 from cgfibre.plan.motion import REFERENCE_DISPLACEMENT
 from cgfibre.record import Curve, Frames
 from cgfibre.scene import Scene
@@ -186,7 +188,7 @@ def _guards(scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, fram
         found.append(guards.largest_bend(system, frames))
         found.append(_gone_guard(scene, plan, system, frames))
     found.append(guards.force_balance(curve, applies=plan.beads.support == "periodic"))
-    if plan.platens.top_span is not None:
+    if plan.platens.top_span is not None and not plan.contact.per_length:  # a segment meets the edge where that is
         found.append(_slide_guard(plan, system, frames))
     return found
 
@@ -366,15 +368,29 @@ def contact_length(plan: Plan, system: FilamentSystem) -> FloatArray:
 
 def contacts_under_platen(plan: Plan, system: FilamentSystem, positions: FloatArray) -> Contacts:
     """Contacts between filaments under the top platen; their forces by the line contact (none for the law hertz)."""
-    stiffness = plan.contact.line_stiffness / plan.contact.softening if plan.contact.law == "hooke" else 0.0
-    contacts = filament_contacts(system, positions, stiffness, contact_length(plan, system))
+    if plan.contact.per_length:
+        touching = np.tile(plan.beads.role, system.n_filaments) != FREE
+        contacts = segment_contacts(system, positions, line_law(plan, system), touching)
+    else:
+        stiffness = plan.contact.line_stiffness / plan.contact.softening if plan.contact.law == "hooke" else 0.0
+        contacts = filament_contacts(system, positions, stiffness, contact_length(plan, system))
     return contacts if plan.platens.top_span is None else contacts.within(*plan.platens.top_span)
+
+
+def line_law(plan: Plan, system: FilamentSystem) -> LineLaw:
+    """Force per length against overlap of two filaments, as the plan's capsules have it."""
+    c = plan.contact
+    if c.law == "hooke":
+        return lambda overlap: c.kn * overlap
+    radius = float(np.max(system.diameter)) / 2
+    line = LineContact(c.modulus, radius / 2, radius)
+    return lambda overlap: line.line_load(np.minimum(overlap, 0.999 * line.greatest_approach))
 
 
 def _contact_row(plan: Plan, system: FilamentSystem, positions: FloatArray) -> dict[str, Any]:
     contacts = contacts_under_platen(plan, system, positions)
     row: dict[str, Any] = {"contact_count": len(contacts)}
-    if plan.contact.law == "hooke":
+    if plan.contact.law != "hertz":
         row |= {
             "contact_force_mean": float(np.mean(contacts.force)) if len(contacts) else 0.0,
             "contact_force_largest": float(np.max(contacts.force, initial=0.0)),

@@ -14,17 +14,18 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import tomli_w
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError, core_schema
 
-from cgfibre import units
+from cgfibre import readers, units
 from cgfibre.errors import InputError
 from cgfibre.materials import MATERIALS, find_material, isotropic_shear_modulus
 
@@ -50,6 +51,7 @@ class _Abridged:
 
 
 NOT_GIVEN = _NotGiven()
+T = TypeVar("T", bound=BaseModel)
 
 
 def _refusal(key: str, value: object, expected: str) -> PydanticCustomError:
@@ -157,6 +159,37 @@ AutoTime = Annotated[float | Literal["auto"], Value("us", words=("auto",), above
 AutoSteps = Annotated[int | Literal["auto"], Value(words=("auto",), whole=True, least=1000, most=10**9)]
 AutoFactor = Annotated[float | Literal["auto"], Value(words=("auto",), least=1.0, most=1e6)]
 
+
+@dataclass(frozen=True)
+class CentresText:
+    """Annotation of filament centres: text of a table with the columns y and z (with units), to pairs in um, and back.
+
+    In a file the key may name a CSV file in place of the text: :func:`load_scene` reads it.
+    """
+
+    expected: ClassVar[str] = "a CSV file of filament centres, with columns y and z such as 'y_um,z_um'"
+
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self.read, serialization=core_schema.plain_serializer_function_ser_schema(self.write)
+        )
+
+    def read(self, value: object) -> tuple[tuple[float, float], ...]:
+        """((y, z), ...) um; an error that pydantic carries if it is no such table."""
+        if not isinstance(value, str) or "\n" not in value:
+            raise _refusal("", value, self.expected)
+        try:
+            table = readers.parse_table(value.strip().splitlines(), "centres")
+            y, z = (table.quantity(table.index(name, "column"), "um", "") for name in ("y", "z"))
+        except InputError as error:
+            raise _refusal("", _Abridged(f"{value.strip()[:20]!r} ..."), f"{self.expected}: {error}") from None
+        return tuple(zip(y.tolist(), z.tolist(), strict=True))
+
+    def write(self, value: tuple[tuple[float, float], ...] | None) -> str | None:
+        """The text that :meth:`read` takes back to ``value``."""
+        return None if value is None else "y_um,z_um\n" + "".join(f"{y!r},{z!r}\n" for y, z in value)
+
+
 PoissonRatio = Annotated[float, Value(least=0.0, most=0.5)]
 Friction = Annotated[float, Value(least=0.0, most=2.0)]
 
@@ -169,6 +202,11 @@ class _Table(BaseModel):
     def _shown(self, key: str) -> object:
         """The value of a field as the scene writes it."""
         return self.model_dump(include={key})[key]
+
+
+#: for the scenes of other tests, which have tables of their own
+Table = _Table
+refusal = _refusal
 
 
 class Filament(_Table):
@@ -231,14 +269,16 @@ class Bundle(_Table):
     """``[assembly]`` of kind "bundle": filaments side by side.
 
     Regular arrangements take their centre distance from ``pitch`` or from ``void_fraction`` (hexagonal relation, 0.31
-    if neither is given), the random one takes ``fibre_volume_fraction``. ``aspect`` is width over height.
+    if neither is given), the random one takes ``fibre_volume_fraction``. ``aspect`` is width over height. The
+    arrangement "file" takes ``centres``, such as those found in a micrograph; ``count`` is then theirs.
     """
 
     kind: Literal["bundle"] = "bundle"
     count: Annotated[int, Value(whole=True, least=1, most=10_000_000)]
-    arrangement: Literal["circular", "hexagonal", "rectangular", "elliptic", "racetrack", "virtual", "random"] = (
-        "circular"
-    )
+    arrangement: Literal[
+        "circular", "hexagonal", "rectangular", "elliptic", "racetrack", "virtual", "random", "file"
+    ] = "circular"
+    centres: Annotated[tuple[tuple[float, float], ...] | None, CentresText()] = None
     pitch: Annotated[float | None, Value("um", above=0.0, most=1e7)] = None
     void_fraction: Annotated[float | None, Value(least=LEAST_VOID_FRACTION, most=0.95)] = None
     fibre_volume_fraction: Annotated[float | None, Value(least=0.05, most=0.80)] = None
@@ -256,13 +296,24 @@ class Bundle(_Table):
     @classmethod
     def _fill(cls, data: Any) -> Any:
         packing = ("pitch", "void_fraction", "fibre_volume_fraction")
+        if isinstance(data, dict) and data.get("arrangement") == "file":
+            if "count" in data or "centres" not in data:
+                return {"count": 1, **data}  # centres that are not there are named by a check of their own
+            with suppress(PydanticCustomError):  # named by its own field
+                return {**data, "count": len(CentresText().read(data["centres"]))}
+            return {"count": 1, **data}
         if isinstance(data, dict) and data.get("arrangement") != "random" and not any(key in data for key in packing):
             return {**data, "void_fraction": 0.31}
         return data
 
     @model_validator(mode="after")
     def _consistent(self) -> Bundle:
-        if self.arrangement == "random":
+        if self.arrangement == "file":
+            self._check_file()
+        elif self.centres is not None:
+            expected = f"no such key: {self.arrangement} packing places the filaments itself (or arrangement = 'file')"
+            raise _refusal("centres", _Abridged("(given)"), expected)
+        elif self.arrangement == "random":
             for key in ("pitch", "void_fraction"):
                 if getattr(self, key) is not None:
                     raise _refusal(key, self._shown(key), "no such key: random packing takes fibre_volume_fraction")
@@ -278,10 +329,19 @@ class Bundle(_Table):
         elif self.first_angle != 0.0:
             expected = f"no such key: it turns the rings of a circular arrangement, this one is {self.arrangement}"
             raise _refusal("first_angle", self._shown("first_angle"), expected)
-        if self.aspect is not None and self.arrangement in ("circular", "hexagonal", "virtual", "random"):
+        if self.aspect is not None and self.arrangement in ("circular", "hexagonal", "virtual", "random", "file"):
             expected = f"no such key: it shapes rectangular, elliptic and racetrack, this one is {self.arrangement}"
             raise _refusal("aspect", self.aspect, expected)
         return self
+
+    def _check_file(self) -> None:
+        if self.centres is None:
+            raise _refusal("centres", NOT_GIVEN, CentresText.expected)
+        for key in ("pitch", "void_fraction", "fibre_volume_fraction"):
+            if getattr(self, key) is not None:
+                raise _refusal(key, self._shown(key), "no such key: the centres are those of assembly.centres")
+        if self.count != len(self.centres):
+            raise _refusal("count", self.count, f"{len(self.centres)}, the number of centres (or no count)")
 
     def _check_rings(self) -> None:
         n = _rings(self.count)
@@ -383,8 +443,8 @@ class Contact(_Table):
     """``[contact]``: between filaments.
 
     ``shape``: filaments touch along their segments (capsule, needs the plugin) or bead by bead. ``line_load`` is where
-    the secant stiffness of the line contact is taken; ``softening`` divides that stiffness; ``damping_ratio`` is that of
-    two beads or stretches on their contact.
+    the secant stiffness of the line contact is taken; ``softening`` divides that stiffness; ``damping_ratio`` is that
+    of two beads or stretches on their contact.
     """
 
     shape: Literal["auto", "capsule", "beads"] = "auto"
@@ -462,7 +522,7 @@ class Scene(_Table):
 
     def to_toml(self) -> str:
         """The scene resolved, every key written out; :func:`scene_from_dict` of it is an equal scene."""
-        return tomli_w.dumps(self.model_dump(exclude_none=True))
+        return tomli_w.dumps(self.model_dump(exclude_none=True), multiline_strings=True)
 
 
 # --- combinations ----------------------------------------------------------------------------------------------------
@@ -500,6 +560,9 @@ def _height(scene: Scene) -> float:
         return 2.0 * top + diameter
     if bundle.arrangement == "virtual":  # open: at worst a third of the ring locations are taken
         return 2.0 * p * (math.ceil(math.sqrt(bundle.count)) + 1) + diameter
+    if bundle.centres is not None:  # clearing overlaps moves them by less than a diameter
+        z = [z for _, z in bundle.centres]
+        return max(z) - min(z) + 2.0 * diameter
     area = bundle.count * p * p * math.sqrt(3.0) / 2.0
     if bundle.fibre_volume_fraction is not None:
         area = bundle.count * math.pi * diameter**2 / (4.0 * bundle.fibre_volume_fraction)
@@ -533,9 +596,13 @@ def _check_twist(scene: Scene) -> None:
     if bundle.arrangement != "circular":
         aspect = bundle.aspect or 1.0
         outer = p * math.sqrt(bundle.count * math.sqrt(3.0) / (2.0 * math.pi) * max(aspect, 1.0 / aspect))
+    if bundle.centres is not None:
+        y0, z0 = (sum(c[k] for c in bundle.centres) / bundle.count for k in (0, 1))
+        outer = max(math.hypot(y - y0, z - z0) for y, z in bundle.centres)
+    as_found = bundle.arrangement in ("random", "file")
     lean = math.atan(2.0 * math.pi * outer * bundle.twist)
-    if lean > math.pi / 4.0 or (bundle.arrangement != "random" and p * math.cos(lean) < diameter * (1.0 - 1e-6)):
-        limit = math.pi / 4.0 if bundle.arrangement == "random" else min(math.acos(diameter / p), math.pi / 4.0)
+    if lean > math.pi / 4.0 or (not as_found and p * math.cos(lean) < diameter * (1.0 - 1e-6)):
+        limit = math.pi / 4.0 if as_found else min(math.acos(diameter / p), math.pi / 4.0)
         most = units.format(float(f"{math.tan(limit) / (2.0 * math.pi * outer):.3g}"), "turn/um")
         expected = f"at most about {most}: outer filaments lean by {math.degrees(lean):.0f} deg and overlap as built"
         raise _refusal("assembly.twist", bundle._shown("twist"), expected)
@@ -608,7 +675,8 @@ def _check_shape(scene: Scene) -> None:
     """Which laws go with which shape of contact."""
     shape, law, level = scene.contact.shape, scene.contact.law, scene.model.level
     if law == "hertz" and shape == "capsule":
-        raise _refusal("contact.law", law, "'auto', 'line' or 'hooke' with contact.shape = 'capsule': hertz is for beads")
+        expected = "'auto', 'line' or 'hooke' with contact.shape = 'capsule': hertz is for beads"
+        raise _refusal("contact.law", law, expected)
     if law == "line" and (shape == "beads" or level == "section"):
         where = "contact.shape = 'beads'" if shape == "beads" else "level = 'section'"
         raise _refusal("contact.law", law, f"'auto', 'hooke' or 'hertz' with {where}: the line law is for capsules")
@@ -704,6 +772,7 @@ _PACKING = ("assembly.pitch", "assembly.void_fraction", "assembly.fibre_volume_f
 #: an override of the first drops the others where they are not overridden too
 _SUPERSEDES: dict[str, tuple[str, ...]] = {
     **{key: tuple(k for k in group if k != key) for group in (_STOP, _PACKING) for key in group},
+    "assembly.centres": ("assembly.count", *_PACKING, "assembly.first_angle", "assembly.aspect"),
     "filament.material": tuple(f"filament.{key}" for key in Filament.model_fields if key != "material"),
 }
 
@@ -711,19 +780,32 @@ _SUPERSEDES: dict[str, tuple[str, ...]] = {
 def load_scene(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
     """The scene of a TOML file or of a shipped name, with overrides.
 
+    ``assembly.centres`` may name a CSV file beside the scene's (in an override: from here); its numbers become part of
+    the scene.
+
     ``overrides`` are "table.key=value" (nested tables too: ``platens.stop.displacement="30 um"``), the value being TOML
     or else bare text. One of several alternatives (how to stop, how to pack, a material for its constants) takes the
     place of the one that the scene gives. A file without a name is named after itself.
     Raises :class:`InputError` for whatever is wrong with the file, the overrides or the scene.
     """
+    data = read_tables(source, overrides)
+    if "capstan" in data:
+        raise InputError("scene", str(source), f"a compaction scene; this is a friction test: cgfibre capstan {source}")
+    return scene_from_dict(data)
+
+
+def read_tables(source: str | Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """The tables of a TOML file or of a shipped scene, named and with overrides, not yet validated."""
     text, name = _source(source)
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError("scene", str(source), _toml_expectation(text, error)) from None
     data.setdefault("name", name)
+    _insert_centres(data, Path(source).parent)
     _override(data, overrides)
-    return scene_from_dict(data)
+    _insert_centres(data, Path())
+    return data
 
 
 def scene_from_dict(data: Mapping[str, Any]) -> Scene:
@@ -731,10 +813,15 @@ def scene_from_dict(data: Mapping[str, Any]) -> Scene:
 
     Keys whose value is ``None`` count as not given.
     """
+    return validated(Scene, data)
+
+
+def validated(kind: type[T], data: Mapping[str, Any]) -> T:
+    """A scene of the ``kind`` from nested tables; raises :class:`InputError` for the first thing wrong."""
     try:
-        return Scene.model_validate(_without_none(data))
+        return kind.model_validate(_without_none(data))
     except ValidationError as error:
-        raise _translated(error) from None
+        raise _translated(error, kind) from None
 
 
 def shipped_scenes() -> list[str]:
@@ -742,6 +829,11 @@ def shipped_scenes() -> list[str]:
     files = resources.files("cgfibre").joinpath("scenes").iterdir()
     names = [f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")]
     return sorted(names, key=_natural)
+
+
+def scene_description(name: str) -> str:
+    """What a shipped scene says of itself, whatever test it is of."""
+    return str(tomllib.loads(scene_text(name)).get("description", ""))
 
 
 def scene_text(name: str) -> str:
@@ -770,6 +862,22 @@ def _source(source: str | Path) -> tuple[str, str]:
     if isinstance(source, str) and path.suffix != ".toml" and os.sep not in source:
         expected = f"a TOML file or a shipped scene{_meant(source, shipped_scenes()) or ' (cgfibre scenes lists them)'}"
     raise InputError("scene", str(source), expected)
+
+
+def _insert_centres(data: dict[str, Any], folder: Path) -> None:
+    """Put the text of the file that assembly.centres names in its place."""
+    table = data.get("assembly")
+    if not isinstance(table, dict):
+        return
+    named = table.get("centres")
+    if not isinstance(named, str) or "\n" in named:
+        return
+    try:
+        text = (folder / named).read_text(encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else "not a text file"
+        raise InputError("assembly.centres", named, f"{CentresText.expected} ({reason.lower()})") from None
+    data["assembly"] = {**table, "centres": text.strip() + "\n"}
 
 
 def _toml_expectation(text: str, error: tomllib.TOMLDecodeError) -> str:
@@ -828,13 +936,13 @@ def _field_value(model: type[BaseModel], key: str) -> Value:
     return next(m for m in model.model_fields[key].metadata if isinstance(m, Value))
 
 
-def _translated(error: ValidationError) -> InputError:
+def _translated(error: ValidationError, root: type[BaseModel]) -> InputError:
     """The first error, but a misspelt key before the one that is missed for it."""
     found = error.errors(include_url=False)
-    return _input_error(min(found, key=lambda e: e["type"] != "extra_forbidden"))
+    return _input_error(min(found, key=lambda e: e["type"] != "extra_forbidden"), root)
 
 
-def _input_error(error: ErrorDetails) -> InputError:
+def _input_error(error: ErrorDetails, root: type[BaseModel]) -> InputError:
     loc = [str(part) for part in error["loc"]]
     context = error.get("ctx", {})
     # a quoted TOML key can hold anything
@@ -843,17 +951,17 @@ def _input_error(error: ErrorDetails) -> InputError:
         inner = context["key"]
         return InputError(".".join(p for p in (key, inner) if p), _shown_value(context["value"]), context["expected"])
     if error["type"] == "extra_forbidden":
-        return InputError(key, _shown_value(value), "a known key" + _meant_key(loc))
+        return InputError(key, _shown_value(value), "a known key" + _meant_key(loc, root))
     if error["type"] == "missing":
         value = NOT_GIVEN
         if loc[0] == "filament" and len(loc) == 2:
-            return InputError(key, value, f"{_expected(loc)} (or filament.material = {_one_of(MATERIALS)})")
-    return InputError(key, _shown_value(value), _expected(loc) + _later(key, value))
+            return InputError(key, value, f"{_expected(loc, root)} (or filament.material = {_one_of(MATERIALS)})")
+    return InputError(key, _shown_value(value), _expected(loc, root) + _later(key, value))
 
 
-def _expected(loc: Sequence[str]) -> str:
+def _expected(loc: Sequence[str], root: type[BaseModel]) -> str:
     """What a key takes, from its field."""
-    field = _field(loc)
+    field = _field(loc, root)
     if field is None:
         return "a table of keys"
     for metadata in field.metadata:
@@ -869,8 +977,8 @@ def _expected(loc: Sequence[str]) -> str:
     return "text in quotes"
 
 
-def _field(loc: Sequence[str]) -> FieldInfo | None:
-    model: type[BaseModel] | None = Scene
+def _field(loc: Sequence[str], root: type[BaseModel]) -> FieldInfo | None:
+    model: type[BaseModel] | None = root
     field = None
     for key in loc:
         field = model.model_fields.get(key) if model is not None else None
@@ -888,12 +996,12 @@ def _model(field: FieldInfo) -> type[BaseModel] | None:
     return None
 
 
-def _meant_key(loc: Sequence[str]) -> str:
+def _meant_key(loc: Sequence[str], root: type[BaseModel]) -> str:
     """The key of that name in another table, or the one of the same table that looks most alike."""
     *parents, last = loc
-    parent = _field(parents) if parents else None
-    model = _model(parent) if parent is not None else Scene if not parents else None
-    meant = [key for key in _all_keys(Scene) if key.rpartition(".")[2] == last]
+    parent = _field(parents, root) if parents else None
+    model = _model(parent) if parent is not None else root if not parents else None
+    meant = [key for key in _all_keys(root) if key.rpartition(".")[2] == last]
     if not meant:
         near = difflib.get_close_matches(last, model.model_fields if model is not None else (), n=1)
         meant = [".".join([*parents, key]) for key in near]

@@ -257,6 +257,15 @@ def write_curve(path: Path, curve: Curve) -> None:
             writer.writerow([int(row[0]), *(f"{x:.10g}" for x in row[1:])])
 
 
+def write_columns(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    """A CSV file of columns of equal length, named by their keys; numbers to ten figures."""
+    with _replacing(path) as part, part.open("w", newline="") as f:
+        writer = csv.writer(f)
+        writer.writerow(columns)
+        for row in zip(*columns.values(), strict=True):
+            writer.writerow([f"{x:.10g}" for x in row])
+
+
 @dataclass(frozen=True)
 class Table:
     """A table with a name, notes in words, and columns of equal length: name -> (values, units); texts have "text"."""

@@ -44,6 +44,7 @@ inch = 0.0254 * meter = in
 mil = 0.001 * inch
 minute = 60 * second = min
 hour = 3600 * second = h
+hertz = 1 / second = Hz
 newton = kilogram * meter / second ** 2 = N
 dyne = 1e-5 * newton = dyn
 gram_force = 9.80665e-3 * newton = gf
@@ -66,6 +67,7 @@ KINDS: dict[str, tuple[str, str]] = {
     "rad": ("an angle", "90 deg"),
     "turn/um": ("a twist", "0.26 turn/cm"),
     "nN/um": ("a force per length", "1 N/mm"),
+    "MHz": ("a frequency", "4 Hz"),
 }
 
 #: units that people write a value in, best first
@@ -79,6 +81,7 @@ _WRITTEN: dict[str, tuple[str, ...]] = {
     "rad": ("deg", "rad"),
     "turn/um": ("turn/cm", "turn/mm", "turn/um"),
     "nN/um": ("N/mm", "nN/um"),
+    "MHz": ("Hz", "MHz"),
 }
 
 _NUMBER = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(.*?)\s*", re.DOTALL)

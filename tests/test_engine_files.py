@@ -14,6 +14,7 @@ from cgfibre.engine.datafile import DataFile, Topology, group_types, write_data
 from cgfibre.plan.system import build_system
 
 DECKS = ("in.chain", "in.rod", "in.section")
+CAPSTANS = ("in.capstan", "in.capstan_dynamic")
 DECLARED = re.compile(r"^variable\s+(\w+)", re.M)
 USED = re.compile(r"\$\{(\w+)\}|\bv_(\w+)")
 
@@ -159,6 +160,14 @@ def test_every_variable_that_a_deck_uses_is_declared(name):
     declared = set(DECLARED.findall(text.replace('"variable ', "\nvariable "))) | from_state
     assert used - declared == set()
     assert from_state <= set(DECLARED.findall((ROOT / "templates" / "phases.inc").read_text().replace('"""', "\n")))
+
+
+@pytest.mark.parametrize("name", CAPSTANS)
+def test_a_capstan_deck_declares_what_it_uses_and_uses_what_it_declares(name):
+    text = uncommented((ROOT / "templates" / name).read_text())
+    used = {a or b for a, b in USED.findall(text)}
+    own = set(re.findall(r"^variable\s+(\w+)\s+index", text, re.M))
+    assert used <= set(DECLARED.findall(text)) and own <= used
 
 
 def test_every_tunable_is_used_somewhere():
@@ -337,7 +346,7 @@ def test_the_displacement_of_a_frame_is_the_decks_own(finished):
 
 def test_the_templates_are_found_in_the_checkout():
     assert deck.template_folder() == ROOT / "templates"
-    assert {p.name for p in deck.template_folder().glob("in.*")} == set(DECKS)
+    assert {p.name for p in deck.template_folder().glob("in.*")} == {*DECKS, *CAPSTANS}
 
 
 def test_mending_cuts_the_unfinished_row_alone(tmp_path):

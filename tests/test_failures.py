@@ -151,7 +151,7 @@ def test_filaments_that_passed_through_each_other_are_counted(tmp_path):
 
 def test_spacing_beyond_the_diameter_lets_filaments_miss_each_other_and_is_refused(tiny):
     with pytest.raises(InputError, match="beads further apart miss each other") as refusal:
-        workflow.plan_scene(tiny, ["model.spacing=10 um"])
+        workflow.plan_scene(tiny, ["model.spacing=10 um", "contact.shape=beads"])
     assert refusal.value.key == "model.spacing"
 
 
@@ -441,5 +441,7 @@ def test_a_filament_that_slides_out_is_flagged_and_the_rest_is_measured(tiny):
 def test_what_no_guard_can_see_is_said_beforehand(tiny):
     """Friction ripples over beads (0.81 for 0.2 at s = D): no guard, an omission of every plan of beads."""
     for level in ("chain", "rod"):
-        plan = workflow.plan_scene(tiny, [f"model.level={level}"])[1]
+        plan = workflow.plan_scene(tiny, [f"model.level={level}", "contact.shape=capsule"])[1]
+        assert not any("ripples" in o.error for o in plan.omissions)
+        plan = workflow.plan_scene(tiny, [f"model.level={level}", "contact.shape=beads"])[1]
         assert any("ripples" in o.error for o in plan.omissions)

@@ -200,6 +200,67 @@ def test_two_filaments_in_a_circle_reach_their_limit():
     assert D <= np.linalg.norm(c[0] - c[1]) < 1.001 * D
 
 
+# --- centres from a file ----------------------------------------------------------------------------------------------
+
+
+def test_a_pair_parts_by_half_its_overlap_each():
+    c = np.array([[0.0, 0.0], [3.0, 4.0], [40.0, 0.0]])
+    moved = packing.separated(c, 7.0)
+    away = np.array([0.6, 0.8])
+    assert moved == pytest.approx(np.array([-away, c[1] + away, c[2]]), abs=1e-5)
+
+
+def test_a_triangle_opens_about_its_middle():
+    """Three equal overlaps: the least shift is along the rays from the middle, to a circle of radius D/sqrt(3)."""
+    t = np.pi / 2 + 2 * np.pi * np.arange(3) / 3
+    c = 3.5 * np.column_stack([np.cos(t), np.sin(t)])
+    assert packing.separated(c, D) == pytest.approx(c * (D / np.sqrt(3)) / 3.5, rel=1e-6)
+
+
+def test_what_does_not_overlap_stays():
+    c = packing.random_packing(60, D, 0.6, rng())
+    assert np.array_equal(packing.separated(c, D), c)
+
+
+@pytest.mark.parametrize(("count", "fraction", "error"), [(60, 0.6, 0.02), (127, 0.75, 0.02), (127, 0.65, 0.08)])
+def test_overlaps_are_cleared_by_the_least_shift(count, fraction, error):
+    truth = packing.random_packing(count, D, fraction, rng())
+    c = truth + error * D * rng(1).standard_normal(truth.shape) / np.sqrt(2)
+    moved = packing.separated(c, D)
+    assert min_distance(moved) >= D
+    shift = np.sum((moved - c) ** 2)
+    # the true centres are one way of clearing them, and relaxing the overlap energy another
+    assert shift <= np.sum((truth - c) ** 2)
+    everywhere = packing.Envelope((1e9, 1e9), True)
+    relaxed, energy = packing._relax(c, D * (1 + 1e-9), everywhere)
+    assert energy == 0 and shift < np.sum((relaxed - c) ** 2)
+    # no small change makes it smaller: pulled back by any part, filaments overlap again
+    assert min_distance(moved - 1e-3 * (moved - c)) < D
+
+
+def test_two_finds_of_one_filament_are_refused():
+    with pytest.raises(InputError) as caught:
+        packing.separated(np.array([[0.0, 0.0], [3.0, 0.0]]), D)
+    assert caught.value.key == "centres"
+
+
+def test_given_centres_are_taken_about_their_mean():
+    spec = packing.ArrangementSpec("file", 3, centres=((0.0, 0.0), (10.0, 0.0), (2.0, 9.0)))
+    c = packing.arrange(spec, D, rng())
+    assert c == pytest.approx(np.array([[-4, -3], [6, -3], [-2, 6]]))
+    for centres in (None, ((0.0, 0.0),)):
+        with pytest.raises(InputError):
+            packing.arrange(packing.ArrangementSpec("file", 3, centres=centres), D, rng())
+
+
+def test_enclosing_area():
+    assert packing.enclosing_area(np.zeros((1, 2)), D) == pytest.approx(np.pi * D**2 / 4)
+    line = np.array([[0.0, 0.0], [10.0, 0.0], [25.0, 0.0]])
+    assert packing.enclosing_area(line, D) == pytest.approx(25 * D + np.pi * D**2 / 4)
+    square = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 10.0], [10.0, 10.0], [4.0, 6.0]])
+    assert packing.enclosing_area(square, D) == pytest.approx(100 + 20 * D + np.pi * D**2 / 4)
+
+
 def test_packing_probability():
     """Eq. 2-1 by hand: 1 - eps on the axis, eps at the rim, and one value in between."""
     r = np.array([0.0, 25.0, 50.0])

@@ -99,6 +99,7 @@ def test_one_filament_alone_is_as_coarse_as_its_bending_allows():
             "platens.stop.displacement=3 um",
             "model.level=chain",
             f"model.accuracy={a}",
+            "contact.shape=beads",
         )
         for a in (0.05, 0.4)
     )
@@ -106,13 +107,34 @@ def test_one_filament_alone_is_as_coarse_as_its_bending_allows():
     for plan, accuracy in ((fine, 0.05), (coarse, 0.4)):
         assert rod.chain_bending_error(plan.spacing, 700.0, width=500.0) <= 0.1 * accuracy * 1.001
         assert plan.spacing / 500 <= 0.3 * accuracy * 1.001
-    assert planned("carbon-37").spacing <= 7.0  # neighbours' beads have to meet
-    assert planned("carbon-37-full-length", "assembly.count=1", "platens.stop.displacement=3 um").spacing <= 7.0
+    beads = "contact.shape=beads"
+    assert planned("carbon-37", beads).spacing <= 7.0  # neighbours' beads have to meet
+    assert planned("carbon-37-full-length", "assembly.count=1", "platens.stop.displacement=3 um", beads).spacing <= 7.0
+
+
+def test_segments_are_as_long_as_bending_and_curvature_allow():
+    plan = planned("carbon-37")
+    assert plan.contact.shape == "capsule" and 26 < plan.spacing <= 28
+    assert planned("carbon-37", "model.accuracy=0.01").spacing < 20
+    twisted = planned("carbon-127-twisted")
+    out = outline(load_scene("carbon-127-twisted"))
+    assert twisted.spacing**2 * levels.natural_curvature(load_scene("carbon-127-twisted"), out) / 8 <= 0.01 * 7 * 1.001
+    assert planned("carbon-37", "assembly.length=140 um", "platens.width=70 um").spacing <= 140 / 16 * 1.001
+
+
+def test_line_contacts_are_softened_as_far_as_the_expected_load_allows():
+    """Deep in the jam contacts are real; to 12 um softening lengthens the step."""
+    assert planned("carbon-37").contact.softening == 1
+    shallow = planned("carbon-37", "platens.stop.displacement=12 um")
+    assert 2 < shallow.contact.softening < 6
+    assert shallow.timestep > 1.3 * planned("carbon-37").timestep
+    assert planned("carbon-37", "contact.softening=2").contact.softening == 2
 
 
 def test_stiff_contacts_are_softened_to_bending_as_far_as_the_overlap_allows():
-    assert planned("carbon-37").contact.softening == 1  # its contacts are softer than its bending as they are
-    glass = planned("carbon-37", "filament.material=E-glass")
+    beads = "contact.shape=beads"
+    assert planned("carbon-37", beads).contact.softening == 1  # softer than its bending as they are
+    glass = planned("carbon-37", "filament.material=E-glass", beads)
     scene = load_scene("carbon-37", ["filament.material=E-glass"])
     assert glass.contact.softening > 1
     overlap = (
@@ -121,17 +143,19 @@ def test_stiff_contacts_are_softened_to_bending_as_far_as_the_overlap_allows():
     assert overlap < OVERLAP_LIMIT
     added = glass.contact.softening * scene.contact.line_load / glass.contact.line_stiffness
     assert added <= OVERLAP_LIMIT * scene.filament.diameter * 1.001
-    assert glass.timestep > planned("carbon-37", "filament.material=E-glass", "contact.softening=1").timestep
+    assert glass.timestep > planned("carbon-37", "filament.material=E-glass", "contact.softening=1", beads).timestep
 
 
 def test_symmetry_halves_the_beads_and_the_time():
     shallow = "platens.stop.displacement=14 um"
-    half, whole = planned("carbon-37", shallow), planned("carbon-37", shallow, "model.symmetry=none")
-    assert half.n_beads < 0.53 * whole.n_beads
-    assert half.predicted_seconds < 0.65 * whole.predicted_seconds
+    for shape, share in (("beads", 0.53), ("capsule", 0.57)):  # 14 and a held one of 27
+        asked = (shallow, f"contact.shape={shape}")
+        half, whole = planned("carbon-37", *asked), planned("carbon-37", *asked, "model.symmetry=none")
+        assert half.n_beads < share * whole.n_beads
+        assert half.predicted_seconds < 0.7 * whole.predicted_seconds
     deep = planned("carbon-37")
     assert "buckling takes sides" in chosen(deep, "symmetry").reason
-    assert planned("carbon-37", "model.symmetry=half").n_beads < 0.53 * deep.n_beads
+    assert planned("carbon-37", "model.symmetry=half").n_beads < 0.57 * deep.n_beads
 
 
 @pytest.mark.parametrize(
@@ -171,7 +195,7 @@ def test_the_promise_is_the_sum_of_its_parts_and_follows_the_speed():
 def test_time_goes_with_steps_and_beads():
     plan = planned("carbon-37", "platens.unload=false")
     both = planned("carbon-37")
-    cost = COSTS["chain"]
+    cost = COSTS["chain, capsules"]
     steps = both.planned_steps - plan.planned_steps
     per_step = cost.step + cost.bead * plan.n_beads + cost.block / plan.sampling.block
     assert both.predicted_seconds - plan.predicted_seconds == pytest.approx(

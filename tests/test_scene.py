@@ -3,6 +3,7 @@ import math
 import tomllib
 
 import pytest
+import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -29,9 +30,13 @@ SHIPPED = [
     "carbon-127-section",
     "carbon-127-twisted",
     "carbon-547-section",
+    "carbon-12k-3d",
     "carbon-12k-section",
 ]
 ABSENT = object()
+CENTRES = "y_um,z_um\n0.1,0.2\n7.5,0.0\n-3.0,7.25\n"
+FILE = {"assembly.arrangement": "file", "assembly.centres": CENTRES, "assembly.count": ABSENT,
+        "platens.stop": {"displacement": "5 um"}}  # fmt: skip
 
 
 def changed(changes):
@@ -112,6 +117,8 @@ def test_every_material_makes_a_filament(name):
         {"model.level": "rod", "model.spacing": "3.5 um", "model.axial_softening": 10, "model.timestep": "1e-4 us"},
         {"model.level": "chain", "model.far_field": "condensed"},
         {"assembly.twist": "2 turn/cm", "model.level": "chain", "model.torsion": "dihedral"},
+        FILE,
+        FILE | {"assembly.count": 3, "assembly.centres": "# found\nz (mm);y (mm)\n0,1;0,2\n0,3;0,4\n0,1;0,3\n"},
         {"contact.softening": 10, "contact.law": "hertz", "model.speed_check": True, "output.dump": True},
     ],
 )
@@ -172,10 +179,10 @@ def test_a_scene_is_frozen():
 # --- shipped scenes --------------------------------------------------------------------------------------------------
 
 
-def test_all_bundle_scenes_ship_in_natural_order():
+def test_all_scenes_ship_in_natural_order():
     names = shipped_scenes()
-    assert set(names) == set(SHIPPED)
-    assert names.index("carbon-2") == 0 and names[-1] == "carbon-12k-section"
+    assert set(names) == {*SHIPPED, "capstan-column"}
+    assert names.index("capstan-column") == 0 and names.index("carbon-2") == 1 and names[-1] == "carbon-12k-section"
     assert names.index("carbon-19") < names.index("carbon-37") < names.index("carbon-127")
 
 
@@ -186,7 +193,7 @@ def test_shipped_scenes_load_and_say_what_they_are(name):
     assert s.filament.diameter == 7.0 and s.assembly.void_fraction == 0.31 and s.ends.tension == 4e5
     assert (s.platens.width, s.platens.friction, s.contact.friction) == (500.0, 0.3, 0.2)
     assert s.platens.unload == (
-        name not in ("carbon-127-twisted", "carbon-37-full-length", "carbon-12k-section")
+        name not in ("carbon-127-twisted", "carbon-37-full-length", "carbon-12k-section", "carbon-12k-3d")
     )  # the costly ones
     assert 0.0 < s.assembly.jitter <= 0.1
     assert scene_from_dict(tomllib.loads(s.to_toml())) == s
@@ -201,7 +208,8 @@ def test_shipped_scenes_are_pressed_to_about_half_their_height():
     for name in SHIPPED:
         s = load_scene(name)
         # a single contact; a stop by force; a locked column; filaments that slide under the anvil's edges
-        if name not in ("carbon-2", "carbon-37-full-length", "carbon-37-column", "carbon-127", "carbon-127-twisted"):
+        shallow = ("carbon-2", "carbon-37-full-length", "carbon-37-column", "carbon-127", "carbon-127-twisted")
+        if name not in (*shallow, "carbon-12k-3d"):
             assert 0.45 < s.platens.stop.value / module._height(s) < 0.6, name
 
 
@@ -282,6 +290,28 @@ def test_a_file_is_read_and_named_after_itself(tmp_path):
     path.write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").replace('name = ""', "").encode())  # from Windows
     assert load_scene(path).name == "my-tow"
     assert load_scene(str(path)).assembly == scene_from_dict(BASE).assembly
+
+
+def test_centres_come_from_a_file_beside_the_scene(tmp_path, monkeypatch):
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    (folder / "found.csv").write_text(CENTRES)
+    data = changed(FILE | {"assembly.centres": "found.csv"})
+    (folder / "mine.toml").write_text(tomli_w.dumps(data))
+    scene = load_scene(folder / "mine.toml")
+    assert scene.assembly.centres == ((0.1, 0.2), (7.5, 0.0), (-3.0, 7.25)) and scene.assembly.count == 3
+    # resolved, it needs no file
+    (folder / "found.csv").unlink()
+    (tmp_path / "resolved.toml").write_text(scene.to_toml())
+    assert load_scene(tmp_path / "resolved.toml").assembly == scene.assembly
+    with pytest.raises(InputError, match="no such file") as info:
+        load_scene(folder / "mine.toml")
+    assert info.value.key == "assembly.centres"
+    # an override names a file from where one stands, and takes the place of count and pitch
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "here.csv").write_text(CENTRES)
+    over = ["assembly.arrangement=file", "assembly.centres=here.csv", "platens.stop.displacement=5 um"]
+    assert load_scene("carbon-37", over).assembly.centres == scene.assembly.centres
 
 
 def test_a_shipped_name_wins_over_a_folder_of_results(tmp_path, monkeypatch):
@@ -402,7 +432,10 @@ BAD = [
     ({"platens.unload": 1}, "platens.unload", "true or false"),
     ({"platens.unload": "yes"}, "platens.unload", "true or false"),
     # contact
-    ({"contact.law": "hook"}, "contact.law", "'auto', 'hooke' or 'hertz'"),
+    ({"contact.law": "hook"}, "contact.law", "'auto', 'hooke', 'hertz' or 'line'"),
+    ({"contact.law": "hertz", "contact.shape": "capsule"}, "contact.law", "hertz is for beads"),
+    ({"contact.law": "line", "contact.shape": "beads"}, "contact.law", "the line law is for capsules"),
+    ({"contact.shape": "capsule", "model.level": "section"}, "contact.shape", "its filaments are discs"),
     ({"contact.line_load": "1 N"}, "contact.line_load", "a force per length such as '1 N/mm'"),
     ({"contact.softening": 0.5}, "contact.softening", "'auto' or a number, at least 1"),
     ({"contact.damping_ratio": 0}, "contact.damping_ratio", "above 0 and at most 1"),
@@ -411,7 +444,11 @@ BAD = [
     ({"model.level": "subbundle"}, "model.level", "sub-bundles are not in this version"),
     ({"model.level": "beam"}, "model.level", "'auto', 'chain', 'rod' or 'section'"),
     ({"model.level": 3}, "model.level", "'auto', 'chain'"),
-    ({"model.spacing": "10 um"}, "model.spacing", "beads further apart miss each other"),
+    (
+        {"model.spacing": "10 um", "contact.shape": "beads"},
+        "model.spacing",
+        "beads further apart miss each other",
+    ),
     ({"model.spacing": "0.1 um"}, "model.spacing", "from 0.35 um"),
     ({"model.accuracy": 0.9}, "model.accuracy", "at most 0.5"),
     ({"model.axial_softening": 0.1}, "model.axial_softening", "at least 1"),
@@ -433,6 +470,20 @@ BAD = [
     (SECTION | {"model.far_field": "graded"}, "model.far_field", "no length along the filaments"),
     (SECTION | {"ends.support": "clamped"}, "ends.support", "simply-supported"),
     (SECTION | {"contact.law": "hertz"}, "contact.law", "touch along lines"),
+    # centres from a file
+    (FILE | {"assembly.centres": ABSENT}, "assembly.centres", "columns y and z"),
+    (FILE | {"assembly.centres": "y,z\n1,2\n3,4\n"}, "assembly.centres", "unit"),
+    (FILE | {"assembly.centres": "y_um,x_um\n1,2\n3,4\n"}, "assembly.centres", "columns y and z"),
+    (FILE | {"assembly.centres": "y_um,z_um\n1,2\n3,nan\n"}, "assembly.centres", "finite"),
+    (FILE | {"assembly.centres": 3}, "assembly.centres", "columns y and z"),
+    (FILE | {"assembly.count": 4}, "assembly.count", "3, the number of centres"),
+    (FILE | {"assembly.void_fraction": 0.3}, "assembly.void_fraction", "no such key"),
+    (FILE | {"assembly.pitch": "9 um"}, "assembly.pitch", "no such key"),
+    (FILE | {"assembly.aspect": 2}, "assembly.aspect", "no such key"),
+    (FILE | {"assembly.first_angle": "3 deg"}, "assembly.first_angle", "no such key"),
+    (FILE | {"assembly.jitter": "1 um"}, "assembly.jitter", "overlap"),
+    (FILE | {"platens.stop": {"thickness": "90 um"}}, "platens.stop.thickness", "from 7 um"),
+    ({"assembly.centres": CENTRES}, "assembly.centres", "arrangement = 'file'"),
     # output
     ({"output.frames": 1}, "output.frames", "at least 2 and at most 5000"),
     ({"output.samples": "300"}, "output.samples", "a whole number"),

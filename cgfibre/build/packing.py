@@ -7,13 +7,15 @@ keeps them at least one diameter apart inside an envelope about the origin. ``AR
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import wraps
 from typing import Any, TypeVar, cast
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.spatial import cKDTree
+from scipy.sparse import csr_array
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 from scipy.special import ellipe
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
@@ -26,6 +28,8 @@ ROW = float(np.sqrt(3.0) / 2.0)
 HEXAGONAL_LIMIT = float(np.pi / (2.0 * np.sqrt(3.0)))
 #: what a random packing is asked for at most: random close packing of equal discs, 0.82 to 0.84; beyond it they order
 RANDOM_LIMIT = 0.84
+#: rounds after which moving filaments apart ends, improved by less than 1e-3 or not
+SEPARATION_ROUNDS = 20
 
 
 Build = TypeVar("Build", bound=Callable[..., FloatArray])
@@ -56,6 +60,7 @@ class ArrangementSpec:
         ``random-rectangular``
     first_angle : rad, angle of the first filament of each ring from +y towards +z; used by the ring arrangements
     epsilon, beta : parameters of the packing probability of ``virtual``
+    centres : (y, z) um of each filament, of ``file`` alone
     """
 
     name: str
@@ -66,6 +71,7 @@ class ArrangementSpec:
     first_angle: float = 0.0
     epsilon: float = 0.05
     beta: float = 0.3
+    centres: tuple[tuple[float, float], ...] | None = None
 
 
 def pitch_from_void_fraction(diameter: float, void_fraction: float) -> float:
@@ -350,6 +356,82 @@ def random_packing(
     return best
 
 
+@_one_thread
+def separated(centres: FloatArray, diameter: float) -> FloatArray:
+    """Centres (n, 2) um moved as little as clears every overlap: no two of them nearer than ``diameter``.
+
+    Least sum of squared shifts subject to |c_i - c_j| >= D. Each round replaces the distances by their tangents at the
+    last state, which distances never fall below, and solves that quadratic programme exactly in its dual (one
+    multiplier a near pair); so every round keeps clear of overlap and none moves further than the last (the
+    convex-concave procedure, Yuille and Rangarajan 2003). A local minimum; where only pairs overlap, the minimum: each
+    filament moves by half the overlap. Centres without overlap come back as they are.
+    Raises :class:`InputError` for two centres nearer than half a diameter: two finds of one filament.
+    """
+    _positive("diameter", diameter)
+    start = np.array(centres, dtype=float)
+    least = min_distance(start)
+    if least >= diameter:
+        return start
+    if least < 0.5 * diameter:
+        expected = f"at least half a diameter apart, {diameter / 2:g} um"
+        raise InputError("centres", f"two of them {least:.4g} um apart", expected)
+    d = diameter * (1.0 + 1e-7)  # what the dual leaves open
+    state, moved = start, np.inf
+    for _ in range(SEPARATION_ROUNDS):
+        state = _moved_apart(start, state, d)
+        total = float(np.sum((state - start) ** 2))
+        if total > (1.0 - 1e-3) * moved:
+            break
+        moved = total
+    return _no_closer(state, diameter)
+
+
+def _moved_apart(start: FloatArray, state: FloatArray, d: float) -> FloatArray:
+    """Nearest positions to ``start`` that keep pairs apart along the directions they have in ``state``."""
+    reach = 1.3 * d
+    while True:
+        pairs = cKDTree(state).query_pairs(reach, output_type="ndarray")
+        i, j = pairs[:, 0], pairs[:, 1]
+        v = state[i] - state[j]
+        n = v / np.hypot(v[:, 0], v[:, 1])[:, None]
+        short = d - np.sum(n * (start[i] - start[j]), axis=1)
+        count, row = len(start), np.arange(len(pairs))
+        at = np.tile(row, 2), np.concatenate([i, j])
+        pull = [csr_array((np.concatenate([n[:, k], -n[:, k]]), at), (len(row), count)) for k in (0, 1)]
+
+        def dual(
+            force: FloatArray, pull: list[csr_array] = pull, short: FloatArray = short
+        ) -> tuple[float, FloatArray]:
+            shift = [p.T @ force for p in pull]
+            value = 0.5 * sum(float(s @ s) for s in shift) - float(short @ force)
+            return value, sum(p @ s for p, s in zip(pull, shift, strict=True)) - short
+
+        solved = minimize(
+            dual,
+            np.maximum(short, 0.0) / 2,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=[(0.0, None)] * len(row),
+            options={"maxiter": 5000, "maxfun": 10_000, "ftol": 1e-15, "gtol": 1e-9 * d, "maxcor": 30},
+        )
+        result = start + np.column_stack([p.T @ solved.x for p in pull])
+        # pairs that were too far to be heeded may have met
+        if min_distance(result) >= d * (1 - 1e-6) or reach > 3.0 * d:
+            return result
+        reach += 0.5 * d
+
+
+def enclosing_area(centres: FloatArray, diameter: float) -> float:
+    """Area in um2 of the convex hull of the filaments' discs: hull of the centres, grown by D/2."""
+    low, high = centres.min(axis=0), centres.max(axis=0)
+    area, rim = 0.0, 2.0 * float(np.hypot(*(high - low)))  # centres in one line: there and back
+    if len(centres) >= 3:
+        with suppress(QhullError):
+            hull = ConvexHull(centres)
+            area, rim = float(hull.volume), float(hull.area)
+    return area + 0.5 * diameter * rim + 0.25 * np.pi * diameter**2
+
+
 def min_distance(centres: FloatArray) -> float:
     """Least distance of two centres in um; infinite for fewer than two."""
     if len(centres) < 2:
@@ -368,6 +450,7 @@ ARRANGEMENTS: dict[str, Arrangement] = {
     "elliptic": lambda s, d, rng: elliptic(s.count, _pitch(s, d), s.aspect),
     "racetrack": lambda s, d, rng: racetrack(s.count, _pitch(s, d), s.aspect),
     "virtual": lambda s, d, rng: virtual_locations(s.count, _pitch(s, d), rng, s),
+    "file": lambda s, d, rng: _given(s, d),
     "random": lambda s, d, rng: random_packing(s.count, d, _fraction(s), rng),
     "random-rectangular": lambda s, d, rng: random_packing(s.count, d, _fraction(s), rng, s.aspect),
 }
@@ -390,6 +473,14 @@ def _pitch(spec: ArrangementSpec, diameter: float) -> float:
     if not spec.pitch >= diameter:
         raise InputError("pitch", spec.pitch, f"at least the diameter {diameter:g} um")
     return spec.pitch
+
+
+def _given(spec: ArrangementSpec, diameter: float) -> FloatArray:
+    """The spec's own centres about their mean, overlaps cleared."""
+    if spec.centres is None or len(spec.centres) != spec.count:
+        raise InputError("centres", None if spec.centres is None else len(spec.centres), f"{spec.count} centres")
+    centres = np.array(spec.centres, dtype=float)
+    return separated(centres - centres.mean(axis=0), diameter)
 
 
 def _fraction(spec: ArrangementSpec) -> float:

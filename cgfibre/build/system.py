@@ -103,6 +103,11 @@ class FilamentSystem:
         return np.array([t.diameter for t in self.types])[self.filament_type]
 
     @property
+    def is_section(self) -> bool:
+        """Whether filaments are discs of a cross-section: one bead each."""
+        return bool(np.any(np.diff(self.filament_start) == 1))
+
+    @property
     def first_beads(self) -> IntArray:
         """(n_filaments,) first bead of each filament."""
         return self.filament_start[:-1]

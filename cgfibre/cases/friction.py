@@ -13,7 +13,7 @@ from cgfibre.build.bundle import BundleSpec, build_bundle
 from cgfibre.build.system import FilamentSystem, FloatArray
 from cgfibre.cases.experiment import Measured, moved, planned, run, scene
 from cgfibre.cases.rods import AWAY, D, critical_drag, end_drag, filament, laid_along
-from cgfibre.mechanics import contact
+from cgfibre.mechanics import belt, contact
 from cgfibre.plan.model import CONTACT, Plan
 
 MU = 0.2  # of the pair, as the scene has it
@@ -34,7 +34,7 @@ class Pulley:
     @property
     def ratio(self) -> float:
         """T2/T1 = exp(mu theta)."""
-        return math.exp(self.friction * self.wrap)
+        return float(belt.tension_ratio(self.friction, self.wrap))
 
     def spacing(self, nodes: int) -> float:
         """s/D of a chain with this many nodes on the pulley: 2 R sin(theta/(2 n))."""
@@ -45,9 +45,8 @@ class Pulley:
         return max(1, round(self.wrap / 2 / math.asin(spacing / (2 * self.radius / D + 1))))
 
     def ratio_of(self, nodes: int) -> float:
-        """T2/T1 of a chain that turns at this many nodes: ((1 + mu tan(a/2))/(1 - mu tan(a/2)))^n, a = theta/n."""
-        slip = self.friction * math.tan(self.wrap / nodes / 2)
-        return ((1 + slip) / (1 - slip)) ** nodes
+        """T2/T1 of a chain that turns at this many nodes."""
+        return float(belt.polygon_ratio(self.friction, self.wrap, nodes))
 
 
 def capstan(folder: Path, level: str, spacing: float, pulley: Pulley | None = None) -> list[Measured]:

@@ -93,7 +93,7 @@ def macros(compiler: Compiler, text: str, include: Sequence[Path]) -> dict[str, 
         check=False,
     )
     if done.returncode != 0:
-        raise EngineError(*_diagnose(done.stderr, "the headers"))
+        raise EngineError(*_diagnose(done.stderr, "the headers of LAMMPS"))
     lines = (line.split(maxsplit=2) for line in done.stdout.splitlines())
     return {words[1]: words[2] if len(words) > 2 else "" for words in lines}
 
@@ -103,10 +103,9 @@ def compile_library(
 ) -> str:
     """Compile and link ``library``, two sources at a time; returns the compiler's warnings (empty: none).
 
-    The library appears whole or not at all. Raises EngineError with the first error and a remedy.
+    Raises EngineError with the first error and a remedy.
     """
-    library.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=library.parent, prefix=".build-") as name:
+    with tempfile.TemporaryDirectory(dir=library.parent, prefix=".objects-") as name:
         objects = [Path(name) / f"{source.stem}.o" for source in what.sources]
 
         def one(source: Path, target: Path) -> str:
@@ -117,11 +116,8 @@ def compile_library(
 
         with ThreadPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
             warnings = list(pool.map(one, what.sources, objects))
-        built = Path(name) / library.name
-        warnings.append(
-            _run([*compiler.command, *what.flags, "-shared", *map(str, objects), "-o", str(built)], "the link")
-        )
-        os.replace(built, library)
+        words = [*compiler.command, *what.flags, "-shared", *map(str, objects), "-o", str(library)]
+        warnings.append(_run(words, "the library"))
     return "".join(warnings)
 
 
@@ -147,7 +143,7 @@ def _diagnose(text: str, what: str) -> tuple[str, str]:
         remedy = "free space, then once more"
     else:
         remedy = "use headers of LAMMPS 22 Jul 2025 or newer and g++ 9 or clang 10 or newer (CXX)"
-    return f"{what} does not compile: {first}", remedy
+    return f"cannot compile {what}: {first}", remedy
 
 
 def sanitizer_environment(compiler: Compiler) -> dict[str, str]:

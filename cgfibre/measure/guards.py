@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from cgfibre.build.system import BoolArray, FilamentSystem, FloatArray, IntArray
 from cgfibre.errors import InputError
 from cgfibre.measure.contacts import Contacts, GapFunction
+from cgfibre.measure.segments import minimum_axis_distance
 from cgfibre.record import Curve, Frames
 
 #: up to this many filaments every pair is followed, beyond it the pairs that come near
@@ -74,17 +75,13 @@ def beads_past_platen(
     return _none_of(name, int(past.sum()), "bead centres behind a platen's surface")
 
 
-def _is_section(system: FilamentSystem) -> bool:
-    return bool(np.any(np.diff(system.filament_start) == 1))
-
-
 def winding_stations(system: FilamentSystem, positions: FloatArray) -> FloatArray:
     """(n_stations,) planes in x, um, at which filaments are compared: the beads of the filament that has most.
 
     Limited to the stretch that all filaments share; one period where all are closed. Raises InputError for a mixture of
     open and closed filaments, for sections and where there is no such stretch.
     """
-    if _is_section(system) or (system.closed.any() and not system.closed.all()):
+    if system.is_section or (system.closed.any() and not system.closed.all()):
         raise InputError("system", system.n_filaments, "filaments of two beads or more, all open or all closed")
     fullest = int(np.argmax(np.diff(system.filament_start)))
     x = np.sort(positions[system.filament_start[fullest] : system.filament_start[fullest + 1], 0])
@@ -209,7 +206,7 @@ def filaments_through_each_other(system: FilamentSystem, frames: Frames, swaps: 
         return _not_applicable(name, 0.0, "it takes two frames and two filaments")
     if not np.all(np.isfinite(frames.positions)):
         return Guard(name, False, float("nan"), 0.0, f"{name}: positions are not finite")
-    section = _is_section(system)
+    section = system.is_section
     close = np.abs(np.diff(frames.displacement_um)) < system.diameter.min() / 2
     if section and not swaps:
         return _not_applicable(name, 0.0, "no two discs ever overlapped deep enough")
@@ -245,66 +242,6 @@ def filaments_through_each_other(system: FilamentSystem, frames: Frames, swaps: 
         before, ends = after, now
     guard = _none_of(name, int(passed.sum()), f"of {len(pairs)} pairs followed")
     return replace(guard, message=guard.message + note)
-
-
-def _segment_distance(p: FloatArray, u: FloatArray, q: FloatArray, v: FloatArray) -> FloatArray:
-    """Least distance of segments p + s u and q + t v, 0 <= s, t <= 1, of (n, 3) each (Ericson, Real-Time Collision
-    Detection, 5.1.9)."""
-    r = p - q
-    a, e, f = (u * u).sum(1), (v * v).sum(1), (v * r).sum(1)
-    b, c = (u * v).sum(1), (u * r).sum(1)
-    det = a * e - b * b
-    parallel = det <= 1e-12 * a * e
-    s = np.clip((b * f - c * e) / np.where(parallel, 1.0, det), 0, 1)
-    s[parallel] = 0
-    t = (b * s + f) / e
-    s = np.clip((b * np.clip(t, 0, 1) - c) / a, 0, 1)
-    t = np.clip((b * s + f) / e, 0, 1)
-    return np.linalg.norm(r + s[:, None] * u - t[:, None] * v, axis=1)
-
-
-def minimum_axis_distance(system: FilamentSystem, positions: FloatArray, reach: float) -> float:
-    """Least distance in um between the axes (segments) of two filaments, inf where none come within ``reach`` um.
-
-    Sections: between centres. Axes may cross at any angle. Segments longer than the reach are cut into pieces to find
-    candidates; the distance is that of the segments. Periodic axes are not wrapped: contacts across a boundary are not
-    seen. Raises InputError for non-finite positions.
-    """
-    if not np.all(np.isfinite(positions)):
-        raise InputError("positions", int(np.sum(~np.isfinite(positions))), "finite values only")
-    if _is_section(system):
-        beads = system.first_beads
-        near = cKDTree(positions[beads]).query_pairs(reach, output_type="ndarray")
-        d = positions[beads[near[:, 0]]] - positions[beads[near[:, 1]]]
-        return float(np.linalg.norm(d, axis=1).min(initial=np.inf))
-    bonds = system.bonds()
-    start = positions[bonds[:, 0]]
-    u = positions[bonds[:, 1]] - start
-    size = system.box[:, 1] - system.box[:, 0]
-    for axis in np.flatnonzero(system.periodic):
-        u[:, axis] -= size[axis] * np.round(u[:, axis] / size[axis])
-    length = np.linalg.norm(u, axis=1)
-    filament = system.filament_of_bead[bonds[:, 0]]
-    # pieces no shorter than the reach; coarser where a full-length filament would give millions
-    piece = max(reach, float(length.sum()) / 4e6)
-    n = np.maximum(1, np.ceil(length / piece)).astype(np.int64)
-    segment = np.repeat(np.arange(len(bonds)), n)
-    share = (np.arange(len(segment)) - np.repeat(np.cumsum(n) - n, n) + 0.5) / n[segment]
-    middle = start[segment] + share[:, None] * u[segment]
-    radius = reach + piece
-    order = np.argsort(middle[:, 0], kind="stable")
-    x = middle[order, 0]
-    best, slab = np.inf, 100_000
-    for i in range(0, len(order), slab):
-        # each slab with the stretch beyond it that a pair can span
-        stop = np.searchsorted(x, x[min(i + slab, len(x)) - 1] + radius, side="right")
-        members = order[i:stop]
-        pairs = members[cKDTree(middle[members]).query_pairs(radius, output_type="ndarray")]
-        a, b = segment[pairs[:, 0]], segment[pairs[:, 1]]
-        keep = filament[a] != filament[b]
-        a, b = a[keep], b[keep]
-        best = min(best, float(_segment_distance(start[a], u[a], start[b], u[b]).min(initial=np.inf)))
-    return best if best <= reach else float("inf")
 
 
 def axis_distance(system: FilamentSystem, positions: FloatArray, limit: float = 0.5) -> Guard:
@@ -429,7 +366,7 @@ def filaments_outside_box(system: FilamentSystem, positions: FloatArray) -> Guar
     """Number of filaments with a bead outside the box along an axis that is not periodic (sections: y and z only)."""
     outside = (positions < system.box[:, 0]) | (positions > system.box[:, 1]) | ~np.isfinite(positions)
     outside &= ~system.periodic
-    if _is_section(system):
+    if system.is_section:
         outside[:, 0] = False
     left = np.unique(system.filament_of_bead[outside.any(axis=1)])
     return _none_of("filaments outside the box", len(left), "filaments left the box")

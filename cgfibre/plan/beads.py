@@ -159,8 +159,8 @@ def lay_beads(
         # one segment more between the anchors about mid-span: the plane of symmetry halves no bead
         inner = np.array([x for x in (0.0, length, *anchors, *(spec.zone or ()))])
         lo, hi = np.max(inner[inner < length / 2]), np.min(inner[inner > length / 2])
-        segments = np.count_nonzero((stations > lo - 1e-9) & (stations < hi + 1e-9)) - 1
-        stations = lay_stations(replace(spec, fine=float(hi - lo) / (segments + 1) * (1 + 1e-9)))
+        count = np.count_nonzero((stations > lo - 1e-9) & (stations < hi + 1e-9)) - 1
+        stations = lay_stations(replace(spec, fine=float(hi - lo) / (count + 1) * (1 + 1e-9)))
     support = scene.ends.support
     if far_field == "condensed":
         inside = (stations >= zone[0] - 1e-9) & (stations <= zone[1] + 1e-9)
@@ -184,8 +184,8 @@ def lay_beads(
     gaps = np.diff(stations)
     widest = np.maximum(np.append(gaps, gaps[-1]), np.insert(gaps, 0, gaps[0]))
     # one filament alone has no neighbours for its beads to miss
-    alone = scene.assembly.count == 1 or segments
-    reach = max(filament.diameter, spacing) if alone else filament.diameter
+    meets = scene.assembly.count == 1 or segments
+    reach = max(filament.diameter, spacing) if meets else filament.diameter
     role = np.where(widest <= reach * (1 + 1e-9), CONTACT, FREE)
     if support != "symmetry":
         held = 2 if support == "clamped" else 1

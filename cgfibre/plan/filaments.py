@@ -30,8 +30,8 @@ ROD_GAIN = 1.0
 SPACING_SHARE, SQUEEZE_SHARE = 0.1, 0.3
 #: longest segment that touches, in diameters, and least number of them along a filament
 SEGMENT, LEAST_SEGMENTS = 4.0, 16
-#: largest line load over its mean over the columns under a platen (carbon-37 at 30 um: 17), and the overlap over diameter
-#: and the softening that it may have: to 12 um of carbon-37 softening of 4 changed forces by no more than 1 %
+#: largest line load over its mean over the columns under a platen (carbon-37 at 30 um: 17), and the overlap over
+#: diameter and the softening that it may have: to 12 um of carbon-37 a softening of 4 changed forces by 1 % at most
 CONCENTRATION, SOFT_OVERLAP, MAX_SOFTENING = 20.0, 0.01, 10.0
 #: part of D by which the chord of a segment may miss the curved filament that it stands for
 SAGITTA = 0.01
@@ -143,9 +143,8 @@ def line_softening(scene: Scene, out: Outline) -> Choice:
     overlap = float(contact.approach(load)) / d
     value = max(1.0, float(f"{min(SOFT_OVERLAP / overlap, MAX_SOFTENING):.3g}"))
     if value == 1:
-        return Choice(
-            "contact softening", "1", f"real contacts: they overlap by {overlap:.1%} D under some {load * 1e-6:.2g} N/mm"
-        )
+        reason = f"real contacts: they overlap by {overlap:.1%} D under some {load * 1e-6:.2g} N/mm"
+        return Choice("contact softening", "1", reason)
     return Choice(
         "contact softening",
         f"{value:g}",

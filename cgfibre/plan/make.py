@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from cgfibre.errors import InputError
 from cgfibre.plan.filaments import plan_filaments
 from cgfibre.plan.level import choose_level
@@ -25,7 +27,20 @@ def make_plan(scene: Scene) -> Plan:
     level = choose_level(scene, out)
     if level.value not in PLANNERS:
         raise InputError("model.level", level.value, "one of " + ", ".join(PLANNERS))
-    return PLANNERS[level.value](scene, out, level.value, [level])
+    return PLANNERS[level.value](scene, out, level.value, [level, *_placing(scene, out)])
+
+
+def _placing(scene: Scene, out: Outline) -> list[Choice]:
+    """How far centres from a file were moved to clear their overlaps."""
+    if scene.assembly.centres is None:
+        return []
+    asked = np.array(scene.assembly.centres)
+    moved = np.hypot(*(out.centres - (asked - asked.mean(axis=0))).T)
+    n = int(np.sum(moved > 1e-6 * scene.filament.diameter))
+    if n == 0:
+        return [Choice("centres", f"{len(asked)} from the file", "as they are: no two filaments overlap")]
+    reason = f"{n} moved by up to {moved.max():.3g} um (r.m.s. of all {np.sqrt(np.mean(moved**2)):.2g} um)"
+    return [Choice("centres", f"{len(asked)} from the file", f"{reason}: the least that clears all overlaps")]
 
 
 def other_levels(scene: Scene, plan: Plan) -> dict[str, Plan | InputError]:

@@ -96,8 +96,8 @@ class Contact:
 
 @dataclass(frozen=True)
 class Platens:
-    """Platens: stiffness and damping a bead (capsules: per length of contact, with the softened E* of the line contact as
-    ``modulus``), friction, and the spans along x of the top and the bottom one, um (None: no edge)."""
+    """Platens: stiffness and damping a bead (capsules: per length of contact, with the softened E* of the line contact
+    as ``modulus``), friction, and the spans along x of the top and the bottom one, um (None: no edge)."""
 
     shape: str
     kn: float

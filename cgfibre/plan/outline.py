@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cgfibre.build.bundle import filament_type
-from cgfibre.build.packing import ArrangementSpec, arrange, pitch_from_void_fraction
+from cgfibre.build.packing import HEXAGONAL_LIMIT, ArrangementSpec, arrange, enclosing_area, pitch_from_void_fraction
 from cgfibre.build.system import FilamentType, FloatArray
 from cgfibre.mechanics import rod
 from cgfibre.mechanics.support import bundle_bending_force
@@ -59,6 +59,7 @@ def arrangement_spec(scene: Scene) -> ArrangementSpec:
         volume_fraction=fraction,
         first_angle=a.first_angle,
         aspect=1.0 if a.aspect is None else a.aspect,
+        centres=a.centres,
         **({} if a.migration is None else {"epsilon": a.migration.epsilon, "beta": a.migration.beta}),
     )
 
@@ -74,9 +75,11 @@ def outline(scene: Scene) -> Outline:
     spec = arrangement_spec(scene)
     d = scene.filament.diameter
     centres = arrange(spec, d, np.random.default_rng(scene.assembly.seed))
-    pitch = (
-        spec.pitch if spec.pitch is not None else pitch_from_void_fraction(d, 1 - float(spec.volume_fraction or 0.69))
-    )
+    if spec.centres is not None:
+        fraction = len(centres) * np.pi * d**2 / 4 / enclosing_area(centres, d)
+        pitch = pitch_from_void_fraction(d, 1 - min(fraction, HEXAGONAL_LIMIT))
+    else:
+        pitch = spec.pitch or pitch_from_void_fraction(d, 1 - float(spec.volume_fraction or 0.69))
     width, height = (float(np.ptp(centres[:, k])) + d for k in (0, 1))
     depth = planned_displacement(scene, height, width, len(centres))
     return Outline(scene_filament(scene), centres, max(pitch, d), width, height, depth)

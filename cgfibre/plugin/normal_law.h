@@ -82,7 +82,7 @@ class NormalLaw {
   // rigid plane: R/2
   double force(double overlap, double size) const
   {
-    if (overlap <= 0) return 0;
+    if (!(overlap > 0)) return 0;    // nor for NaN
     switch (kind_) {
       case HOOKE:
         return stiffness_ * overlap;
@@ -98,7 +98,7 @@ class NormalLaw {
   // with the unloading branch; `deepest`, the largest overlap so far, is brought up to date
   double force(double overlap, double size, double &deepest) const
   {
-    if (overlap <= 0) {
+    if (!(overlap > 0)) {
       deepest = 0;
       return 0;
     }

@@ -4,8 +4,10 @@
 #include "fix_history.h"
 #include "fix_segments.h"
 #include "fix_wall_capsule.h"
+#include "fix_wall_granular_table.h"
 #include "guard.h"
 #include "pair_capsule.h"
+#include "pair_granular_table.h"
 
 namespace {
 
@@ -30,6 +32,8 @@ const Entry entries[] = {
     {"command", "cgfibre_plugin", "what the cgfibre plugin is", &create<cgfibre::About>, nullptr},
     {"pair", "capsule", "contact of filaments, segment to segment", &create<cgfibre::PairCapsule>, nullptr},
     {"fix", "wall/capsule", "platen that presses segments", nullptr, &create_of<cgfibre::FixWallCapsule>},
+    {"pair", "granular/table", "contact of spheres and discs, tabulated", &create<cgfibre::PairGranularTable>, nullptr},
+    {"fix", "wall/granular/table", "wall for granular/table", nullptr, &create_of<cgfibre::FixWallGranularTable>},
     {"compute", "capsule/local", "contacts of pair capsule", nullptr, &create_of<cgfibre::ComputeCapsuleLocal>},
     {"fix", "CGFIBRE/SEGMENTS", "which bead follows which", nullptr, &create_of<cgfibre::FixSegments>},
     {"fix", "CGFIBRE/HISTORY", "histories of contacts", nullptr, &create_of<cgfibre::FixHistory>},
