@@ -5,6 +5,9 @@ import pytest
 from capsule_bench import Box, forces_on
 
 from cgfibre.cases import capsule_ranks as ranks
+from cgfibre.cases import experiment
+from cgfibre.engine.lammps import find_engine
+from cgfibre.engine.plugin import Build, build_plugin, sanitized
 
 levels = pytest.mark.parametrize("level", ["chain", "rod"])
 
@@ -214,3 +217,34 @@ def test_every_contact_is_found_once(tmp_path, periodic, n):
         # sampled at 400 points of a segment of 100 um at most: three steps
         assert abs(got.get(pair, 0.0) - expected.get(pair, 0.0)) < 0.8, (pair, got.get(pair), expected.get(pair))
     assert np.all(np.abs(found.forces.sum(axis=0)) < 1e-12 * np.max(np.abs(found.forces)) * len(found.forces))
+
+
+# --- memory ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.validate
+@pytest.mark.parametrize("n", [1, 2])
+def test_sanitizers_find_nothing(tmp_path_factory, tmp_path, monkeypatch, n):
+    """Odd pairs, a search over periodic borders, a pressed bundle of chains and one of rods, compiled with the address
+    and undefined-behaviour sanitizers."""
+    plugin = built_with_sanitizers(tmp_path_factory)
+    engine = sanitized(find_engine())
+    monkeypatch.setattr(experiment, "find_engine", lambda: engine)
+    rng = np.random.default_rng(4)
+    box = Box(np.array([[0.0, 350.0]] * 3), True)
+    forces_on(tmp_path / "search", polylines(rng, 100, 350.0), box, n, engine=engine, reach=100.0, plugin=plugin)
+    pairs = [segment + 150 * k for k in range(100) for segment in odd_pair(rng)]
+    box = Box(np.array([[-300.0, 16000.0]] * 3))
+    forces_on(tmp_path / "odd", pairs, box, n, engine=engine, reach=110.0, plugin=plugin)
+    for level in ("chain", "rod"):
+        sort = ["atom_modify sort 50 40.0"] if level == "chain" else []
+        _, _, out = ranks.pressed(tmp_path / level, level, n, sort, 400, plugin=plugin)
+        assert "ERROR" not in (out.folder / "engine.err").read_text()
+    for path in tmp_path.glob("*/engine.err"):
+        assert "Sanitizer" not in path.read_text() and "runtime error" not in path.read_text()
+
+
+def built_with_sanitizers(tmp_path_factory):
+    """Library built with sanitizers, once a session; in a folder without blanks."""
+    folder = tmp_path_factory.getbasetemp() / "sanitized"
+    return build_plugin(Build(out=folder, sanitize=True)).library
