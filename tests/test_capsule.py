@@ -2,8 +2,12 @@
 
 import numpy as np
 import pytest
+from capsule_bench import Box, forces_on
 
 from cgfibre.cases import capsule_ranks as ranks
+from cgfibre.cases import experiment
+from cgfibre.engine.lammps import find_engine
+from cgfibre.engine.plugin import Build, build_plugin, sanitized
 
 levels = pytest.mark.parametrize("level", ["chain", "rod"])
 
@@ -58,3 +62,189 @@ def test_sorted_atoms_press_to_the_same_curve(tmp_path, one_rank, level):
     sort = ["atom_modify sort 50 40.0"]
     found = ranks.pressed(tmp_path / "sorted", level, 1, sort, steps=1600)[2].record.mean["top_force"]
     assert np.allclose(found, expected, rtol=1e-7, atol=1e-7 * np.max(expected))
+
+
+# --- odd places ------------------------------------------------------------------------------------------------------
+
+D = 7.0
+
+
+def unit(rng):
+    v = rng.normal(size=3)
+    return v / np.linalg.norm(v)
+
+
+def turned(rng, way, angle):
+    side = np.cross(way, unit(rng))
+    return np.cos(angle) * way + np.sin(angle) * side / np.linalg.norm(side)
+
+
+def odd_pair(rng):
+    """Two segments: any, parallel, coincident, end to end, antiparallel, nearly parallel, of no length, interlocked."""
+    lengths = 10 ** rng.uniform(-1.5, 2, 2) if rng.random() < 0.5 else np.full(2, 10 ** rng.uniform(0, 2))
+    way, across = unit(rng), unit(rng)
+    across -= way * (way @ across)
+    across /= np.linalg.norm(across)
+    gap = rng.choice([0.0, 1e-12, 1e-3, 0.5, 1.0 - 1e-9, 1.0, 1.0 - 1e-3]) * D
+    kind = rng.integers(9)
+    if kind == 0:  # any
+        other, shift = unit(rng), rng.uniform(-5, 5, 3)
+    elif kind == 1:  # parallel, in register, or aside
+        other, shift = way, gap * across + rng.choice([0.0, 0.5, 0.999, 1.0]) * lengths[0] * way
+    elif kind == 2:  # the same
+        lengths[1] = lengths[0]
+        other, shift = way, 0 * way
+    elif kind == 3:  # end to end
+        other, shift = rng.choice([1, -1]) * way, lengths[0] * way
+    elif kind == 4:  # antiparallel
+        other, shift = -way, lengths[0] * way * rng.uniform(0, 1) + gap * across
+    elif kind == 5:  # tiny angles
+        other, shift = turned(rng, way, 10 ** rng.uniform(-16, -3)), gap * across
+    elif kind == 6:  # square, at an end, in the middle
+        other, shift = across, rng.choice([0.0, 0.5, 1.0]) * lengths[0] * way + gap * np.cross(way, across)
+    elif kind == 7:  # no length
+        lengths[rng.integers(2)] = 0.0
+        other, shift = unit(rng), gap * across
+    else:  # deep in each other
+        other, shift = unit(rng), rng.uniform(-0.05, 0.05, 3)
+    return np.array([[0 * way, lengths[0] * way], [shift, shift + lengths[1] * other]])
+
+
+def test_odd_pairs_have_finite_forces_that_add_up_to_nothing(tmp_path):
+    """1000 pairs far from each other; neither force nor moment is left over."""
+    rng = np.random.default_rng(1)
+    side, cell = 10, 400.0
+    places = cell * np.stack(np.meshgrid(*[np.arange(side)] * 3), axis=-1).reshape(-1, 3)
+    pairs = [odd_pair(rng) for _ in places]
+    filaments = [segment + place for pair, place in zip(pairs, places, strict=True) for segment in pair]
+    box = Box(np.array([[-300.0, side * cell]] * 3))
+    found = forces_on(tmp_path, filaments, box, reach=110.0)
+    assert np.all(np.isfinite(found.forces)) and np.all(np.isfinite(found.rows))
+    assert len(found.rows) > 400
+    force = found.forces.reshape(-1, 4, 3)
+    points = np.array(pairs).reshape(-1, 4, 3)
+    size = np.max(np.abs(force), axis=(1, 2))
+    assert np.all(np.abs(force.sum(axis=1)) <= 1e-13 * size[:, None] + 1e-12)
+    moment = np.cross(points, force).sum(axis=1)
+    assert np.all(np.abs(moment) <= 1e-9 * (size * (1 + np.max(np.abs(points), axis=(1, 2))))[:, None] + 1e-9)
+    assert np.max(size) < 1e12
+
+
+def test_the_order_of_filaments_does_not_matter(tmp_path):
+    """Parallel and crossing segments of one length: the same push and moment in the other order; along the first of two
+    that cross, its own stretch takes up to a hundredth."""
+    rng = np.random.default_rng(2)
+    filaments, box = [], Box(np.array([[-300.0, 40 * 300.0], [-300.0, 300.0], [-300.0, 300.0]]))
+    for k in range(40):
+        way, across = np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
+        other = turned(rng, way, 0.0 if k % 2 else rng.uniform(0.2, 1.5))
+        other -= across * (other @ across)
+        other /= np.linalg.norm(other)
+        place = np.array([300.0 * k, 0, 0])
+        first = place + 30 * np.array([-way, way])
+        second = place + 0.98 * D * across + 30 * np.array([-other, other])
+        filaments.append((first, second))
+    one = forces_on(tmp_path / "one", [f for pair in filaments for f in pair], box, reach=65.0)
+    two = forces_on(tmp_path / "two", [f for pair in filaments for f in pair[::-1]], box, reach=65.0)
+    expected = one.forces.reshape(-1, 2, 2, 3)[:, ::-1].reshape(-1, 3)
+    size = np.max(np.abs(expected))
+    assert size > 1e5
+    assert np.allclose(two.forces[:, 2], expected[:, 2], rtol=0, atol=1e-12 * size)
+    assert np.allclose(two.forces, expected, rtol=0, atol=1e-2 * size)
+    parallel = np.arange(len(expected)) // 4 % 2 == 1
+    assert np.allclose(two.forces[parallel], expected[parallel], rtol=0, atol=1e-12 * size)
+
+
+# --- the search ------------------------------------------------------------------------------------------------------
+
+
+def polylines(rng, count, edge):
+    """Filaments of one to five segments, 1 to 100 um long, softly bent."""
+    out = []
+    for _ in range(count):
+        lengths = 10 ** rng.uniform(0, 2, rng.integers(1, 6))
+        way, points = unit(rng), [rng.uniform(0, edge, 3)]
+        for length in lengths:
+            points.append(points[-1] + length * way)
+            way = turned(rng, way, rng.uniform(0, 0.5))
+        out.append(np.array(points))
+    return out
+
+
+def contacts_by_hand(filaments, edge, samples=400):
+    """{(first bead of the one segment, of the other): touching length}, points of the segment of the lower molecule in
+    the slab of the other; box periodic with ``edge`` (0: not)."""
+    start = np.cumsum([1, *(len(f) for f in filaments)])
+    shifts = edge * np.stack(np.meshgrid(*[[-1, 0, 1]] * 3), axis=-1).reshape(-1, 3) if edge else np.zeros((1, 3))
+    s = (np.arange(samples) + 0.5) / samples
+    segments = []  # first bead, molecule, from, to, plane before, plane after
+    for m, (f, first) in enumerate(zip(filaments, start[:-1], strict=True)):
+        t = np.diff(f, axis=0)
+        t /= np.linalg.norm(t, axis=1)[:, None]
+        for k in range(len(t)):
+            before, after = t[k] + (t[k - 1] if k else 0), t[k] + (t[k + 1] if k + 1 < len(t) else 0)
+            segments.append((first + k, m, f[k], f[k + 1], before, after))
+    table = {}
+    low = np.array([np.minimum(x[2], x[3]) for x in segments]) - D
+    high = np.array([np.maximum(x[2], x[3]) for x in segments]) + D
+    molecule = np.array([x[1] for x in segments])
+    for tag, m, a, b, _, _ in segments:
+        for shift in shifts:
+            over = np.all((low + shift < np.maximum(a, b)) & (high + shift > np.minimum(a, b)), axis=1)
+            for k in np.flatnonzero(over & (molecule > m)):
+                other, _, p, q, before, after = segments[k]
+                along = (q - p) / np.linalg.norm(q - p)
+                w = a + s[:, None] * (b - a) - p - shift
+                way = w - (w @ along)[:, None] * along
+                inside = (np.linalg.norm(way, axis=1) < D) & (w @ before > 0) & ((w - (q - p)) @ after < 0)
+                if np.any(inside):
+                    table[tag, other] = table.get((tag, other), 0.0) + np.mean(inside) * np.linalg.norm(b - a)
+    return table
+
+
+@pytest.mark.parametrize(("periodic", "n"), [(False, 1), (True, 1), (True, 2)])
+def test_every_contact_is_found_once(tmp_path, periodic, n):
+    """Segments of lengths 1:100 at random, against all pairs by hand, with their lengths of contact."""
+    rng = np.random.default_rng(3 + n)
+    edge = 350.0
+    filaments = polylines(rng, 400, edge)
+    box = Box(np.array([[0.0, edge]] * 3) if periodic else np.array([[-600.0, 1000.0]] * 3), periodic)
+    found = forces_on(tmp_path, filaments, box, n, reach=100.0)
+    expected = contacts_by_hand(filaments, edge if periodic else 0.0)
+    got = {(int(r[0]), int(r[1])): r[14] for r in found.rows}
+    assert len(got) == len(found.rows) > 100
+    for pair in set(got) | set(expected):
+        # sampled at 400 points of a segment of 100 um at most: three steps
+        assert abs(got.get(pair, 0.0) - expected.get(pair, 0.0)) < 0.8, (pair, got.get(pair), expected.get(pair))
+    assert np.all(np.abs(found.forces.sum(axis=0)) < 1e-12 * np.max(np.abs(found.forces)) * len(found.forces))
+
+
+# --- memory ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.validate
+@pytest.mark.parametrize("n", [1, 2])
+def test_sanitizers_find_nothing(tmp_path_factory, tmp_path, monkeypatch, n):
+    """Odd pairs, a search over periodic borders, a pressed bundle of chains and one of rods, compiled with the address
+    and undefined-behaviour sanitizers."""
+    plugin = built_with_sanitizers(tmp_path_factory)
+    engine = sanitized(find_engine())
+    monkeypatch.setattr(experiment, "find_engine", lambda: engine)
+    rng = np.random.default_rng(4)
+    box = Box(np.array([[0.0, 350.0]] * 3), True)
+    forces_on(tmp_path / "search", polylines(rng, 100, 350.0), box, n, engine=engine, reach=100.0, plugin=plugin)
+    pairs = [segment + 150 * k for k in range(100) for segment in odd_pair(rng)]
+    box = Box(np.array([[-300.0, 16000.0]] * 3))
+    forces_on(tmp_path / "odd", pairs, box, n, engine=engine, reach=110.0, plugin=plugin)
+    for level in ("chain", "rod"):
+        sort = ["atom_modify sort 50 40.0"] if level == "chain" else []
+        _, _, out = ranks.pressed(tmp_path / level, level, n, sort, 400, plugin=plugin)
+        assert "ERROR" not in (out.folder / "engine.err").read_text()
+    for path in tmp_path.glob("*/engine.err"):
+        assert "Sanitizer" not in path.read_text() and "runtime error" not in path.read_text()
+
+
+def built_with_sanitizers(tmp_path_factory):
+    """Library built with sanitizers, once a session; in a folder without blanks."""
+    folder = tmp_path_factory.getbasetemp() / "sanitized"
+    return build_plugin(Build(out=folder, sanitize=True)).library

@@ -189,3 +189,36 @@ def static_and_kinetic(folder: Path, level: str, spacing: float) -> list[Measure
         Measured(case, *grid, "largest F/N", "1", peak, MU, out.time.cpu),
         Measured(case, *grid, "sliding F/N", "1", float(ratio[-1]), 0.15, 0.0),
     ]
+
+
+def torque_of_friction(folder: Path, level: str, spacing: float) -> list[Measured]:
+    """The lower of two rods, held, while the upper is carried across its top: the torque about its axis is mu N R, R to
+    the middle of the overlap."""
+    law, n, steps = line_law(), segments_for(spacing), 4000
+    approach = float(law.approach(1e6))
+    aside = 2 * approach
+    shapes = [straight(n, spacing), straight(n, spacing, (0.37 * spacing * D, -aside, D - approach))]
+    plan, system = posed(level, spacing, shapes)
+    out = run_on(
+        1,
+        folder,
+        system,
+        moved(plan, 1e-9, steps, sample=steps),
+        [
+            *HELD,
+            "group upper molecule 2",
+            "group lower subtract all upper",
+            f"fix pull upper move linear 0 {aside / steps / plan.timestep:.17g} 0",
+            "compute couple all property/atom tqx",
+            "compute grip lower reduce sum fx fy fz c_couple",
+            f'fix probe all ave/time {steps} 1 {steps} c_grip[*] file probe.txt format " %.17g"',
+        ],
+        AWAY,
+    )
+    # the upper one has come to stand above: the force on the lower is friction along y, the load along -z
+    _, across, normal, torque = out.rows("probe.txt")[-1, 1:]
+    grid = ("torque of friction", level, spacing)
+    return [
+        Measured(*grid, "F_t/F_n", "1", float(across / -normal), MU, out.time.cpu),
+        Measured(*grid, "torque", "nN um", float(torque), float(MU * normal * (D - approach) / 2), 0.0),
+    ]

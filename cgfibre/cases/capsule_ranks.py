@@ -66,7 +66,7 @@ def squeezed(system: FilamentSystem) -> FilamentSystem:
 
 
 def pressed(
-    folder: Path, level: str, ranks: int, commands: Sequence[str] = (), steps: int = 4000
+    folder: Path, level: str, ranks: int, commands: Sequence[str] = (), steps: int = 4000, **variables: float | str
 ) -> tuple[Plan, FilamentSystem, Outcome]:
     """The bundle pressed by 6 um: plan, the system as it lies then, outcome with 40 rows of the record."""
     plan, system = bundle(level)
@@ -82,5 +82,6 @@ def pressed(
             f"dump last beads custom {steps} last.txt id xu yu zu",
             'dump_modify last sort id format float "%.17g"',
         ],
+        variables,
     )
     return plan, replace(system, positions=states(out.folder / "last.txt")[-1]), out

@@ -10,7 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from cgfibre.cases import capsule, capsule_friction, contact, friction, invariants, rods
+from cgfibre.cases import (
+    capsule,
+    capsule_friction,
+    capsule_motion,
+    capsule_platens,
+    contact,
+    friction,
+    invariants,
+    rods,
+)
 from cgfibre.cases.experiment import Measured
 
 SPACINGS = (0.5, 1.0, 2.0, 4.0)
@@ -160,6 +169,78 @@ CAPSULE_CASES: tuple[Case, ...] = (
             "sliding F/N": Limit(1e-8, "Coulomb's law"),
         },
         **CAPSULES,
+    ),
+    Case("anvil with sharp edges", capsule_platens.sharp_edge, {"force": EXACT}, **CAPSULES),
+    *(
+        Case(
+            f"cylinder that presses capsules, {side}",
+            _part(capsule_platens.cylinder, side=side),
+            {"force": Limit(3e-3, "two points of a segment on which the overlap varies", 1e-3, order=float("nan"))},
+            **CAPSULES,
+        )
+        for side in ("outside", "inside")
+    ),
+    Case(
+        "capsules dragged between platens",
+        capsule_platens.between_platens,
+        {"F_t/F_n": Limit(1e-8, "Coulomb's law"), "normal force": EXACT},
+        **CAPSULES,
+    ),
+    Case(
+        "capsules rolling between platens",
+        capsule_platens.rolling,
+        {name: Limit(1e-5, "it is set rolling with a jerk") for name in ("speed", "turn")},
+        ("rod, capsules",),
+        CAPSULE_SPACINGS,
+        (4.0,),
+    ),
+    Case(
+        "torque of friction",
+        capsule_friction.torque_of_friction,
+        {"F_t/F_n": Limit(1e-8, "Coulomb's law"), "torque": Limit(1e-8, "at the surface")},
+        ("rod, capsules",),
+        CAPSULE_SPACINGS,
+        (4.0,),
+    ),
+    Case(
+        "capsules pushed across",
+        capsule_motion.pushed_across,
+        {
+            "distance of axes": Limit(
+                2e-2, "the push bends the segments next to it; two points of the lens are stated"
+            ),
+            "passed": EXACT,
+        },
+        **CAPSULES,
+    ),
+    *(
+        Case(
+            f"capsules over a bend, crossing at {crossing:g} degrees",
+            _part(capsule_motion.over_a_bend, crossing=crossing),
+            {
+                "off an eighth": Limit(4e-2, "two points of a lens that a joint cuts, or not"),
+                "largest step": Limit(1.2e-2, "of 2000 over 0.6 s: 0.3 s/lens", order=float("nan")),
+                "sum of forces": Limit(1e-11, "pair forces: rounding of bending forces"),
+            },
+            **CAPSULES,
+        )
+        for crossing in (90.0, 20.0)
+    ),
+    *(
+        Case(
+            f"bouncing capsules, {angle:g} degrees" + (f", step over {refine}" if refine > 1 else ""),
+            _part(capsule_motion.energy_drift, angle=angle, refine=refine),
+            {
+                "drift": Limit(5e-3, "of the fall, in 1e5 steps: force by two points is no exact gradient"),
+                "scatter of energy": Limit(
+                    1e-2, "leapfrog's own energy differs by (omega dt)^2/8 of its fastest modes'"
+                ),
+            },
+            ("chain, capsules",),
+            CAPSULE_SPACINGS,
+            (4.0,),
+        )
+        for angle, refine in ((0.0, 1), (10.0, 1), (60.0, 1), (90.0, 1), (0.0, 2), (60.0, 2))
     ),
     Case(
         "platen force balance of capsules",
