@@ -264,8 +264,8 @@ def figure_filaments(time: FloatArray, share: FloatArray) -> Figure:
     return fig
 
 
-def figure_wrap(view: WrapView) -> Figure:
-    """ln(T/T1) along the wrap for each filament, and for the mean of all, between the belt laws of mu_k and mu_s."""
+def figure_wrap(view: WrapView, law: str = r"belt law, $\mu_k$ to $\mu_s$") -> Figure:
+    """ln(T/T1) along the wrap for each filament, and for all together, beside the belt law between mu_k and mu_s."""
     from cgfibre.plot import shades
 
     fig = new_figure(7.4, 4.8)
@@ -278,7 +278,7 @@ def figure_wrap(view: WrapView) -> Figure:
             total = np.log(np.exp(view.logs).mean(axis=0))
             ax.plot(view.angle, total, color=INK, lw=2.2, label="all together")
         band = (view.mu_k * view.angle, view.mu_s * view.angle)
-        ax.fill_between(view.angle, *band, color=GREY, alpha=0.35, lw=0, label=r"belt law, $\mu_k$ to $\mu_s$")
+        ax.fill_between(view.angle, *band, color=GREY, alpha=0.35, lw=0, label=law)
         ax.set_xlabel("Angle of wrap (rad)")
         ax.set_ylabel("ln(T/T1)")
         ax.set_title(f"at {view.time:.3g} s")
@@ -316,4 +316,34 @@ def figure_fit(time: FloatArray, ratio: FloatArray, model: FloatArray) -> Figure
             ax.margins(x=0.01)
         fig.axes[0].legend(loc="upper right", ncols=2)
         fig.axes[1].set_xlabel("Time (s)")
+    return fig
+
+
+@dataclass(frozen=True)
+class TowFrictionView:
+    """Friction of tows of one size: interpolated ``mu`` (n,) and its ``interval`` (n,) at ``angle`` (n,) deg, and the
+    table's points (angle deg, mu, standard deviation)."""
+
+    label: str
+    angle: FloatArray
+    mu: FloatArray
+    interval: FloatArray
+    points: FloatArray
+
+
+def figure_tow_friction(views: Sequence[TowFrictionView], pulley: float) -> Figure:
+    """Friction of tow on tow against their angle, a curve with its 95 % interval a tow size, and that on the pulley."""
+    fig = new_figure(7.4, 4.8)
+    with style():
+        ax = fig.add_subplot()
+        for k, v in enumerate(views):
+            colour = COLOURS[k]
+            ax.plot(v.angle, v.mu, color=colour, lw=1.6, label=v.label)
+            ax.fill_between(v.angle, v.mu - v.interval, v.mu + v.interval, color=colour, alpha=0.15, lw=0)
+            a, mu, s = v.points.T
+            ax.errorbar(a, mu, yerr=s, fmt="o", ms=4, color=colour, lw=1.0, capsize=2)
+        ax.axhline(pulley, color=GREY, lw=1.2, ls="--", label="12k on the bare pulley")
+        ax.set_xlabel("Angle between the tows (deg)")
+        ax.set_ylabel("Friction coefficient")
+        ax.legend(loc="upper right")
     return fig

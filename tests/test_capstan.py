@@ -2,6 +2,7 @@
 
 import json
 import math
+import time
 import tomllib
 from dataclasses import replace
 
@@ -138,6 +139,14 @@ def test_no_equilibrium_is_said_so():
             replace(BUNDLE, **bad)
     with pytest.raises(InputError):
         pull(BUNDLE, 1e3, 2e3)
+
+
+@pytest.mark.validate
+def test_two_seconds_of_ten_filaments_take_less_than_ten():
+    begin = time.process_time()
+    r, y = ratio(COLUMN, 2e6)
+    assert time.process_time() - begin < 10
+    assert y[r.time > 3e5].max() == pytest.approx(float(tension_ratio(0.16, 1.435)), rel=1e-3)
 
 
 # --- features and sensitivities --------------------------------------------------------------------------------------

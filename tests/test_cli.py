@@ -125,7 +125,8 @@ def test_the_plan_as_json_is_json_and_as_text_says_why(call):
 def test_help_names_every_verb(call):
     done = call("--help")
     assert done.exit_code == 0
-    assert {"run", "build", "plan", "measure", "chart", "scenes", "doctor", "plugin"} <= set(done.stdout.split())
+    verbs = {"run", "build", "plan", "measure", "chart", "signal", "capstan", "scenes", "doctor", "plugin"}
+    assert verbs <= set(done.stdout.split())
 
 
 def test_doctor_finds_this_installation_well_and_a_broken_engine_not(cgfibre, tmp_path):

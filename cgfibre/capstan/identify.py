@@ -32,6 +32,8 @@ OTHERS = ("start", "critical_slip", "drop_slip", "frequency", "restick")
 #: longer: the phase of a cycle far away is a guess before the period is known from those nearby
 FIRST_SAMPLES, FIRST_SLIPS = 80, 20.0
 STARTS = 6
+#: (mu_s - mu_k)/mu_s0 that are tried, from, to, how many: neighbours differ by a sixth of a cycle in four
+RATIOS = (0.005, 0.6, 120)
 #: steps of the finite differences in a coefficient: of the rigid belt, where hundreds of cycles on a larger one would
 #: carry samples across a kink of the waveform, and of the column
 STEP, COLUMN_STEP = 1e-11, 1e-4
@@ -177,43 +179,46 @@ def identify(
     problem = _Problem(t, x, law, tuple(free))
     near = int(np.searchsorted(t, FIRST_SLIPS * law.critical_slip / law.speed))
     count = min(len(t), max(FIRST_SAMPLES, near))
-    starts = _starts(problem, count)
-    while True:
+    starts = _on_grid(problem, np.geomspace(*RATIOS).tolist(), count)
+    while count < len(t):
         fitted = sorted((problem.refined(p, count) for p in starts), key=lambda p: problem.cost(p, count))
         starts = fitted[:STARTS]
-        if count == len(t):
-            break
         count = min(len(t), 4 * count)
-    best = fitted[0]
-    return _judged(problem, best)
+    # where the spectrum has a line, the period is known at once
+    starts += _on_grid(problem, _ratios_of_lines(problem), len(t))
+    if not starts:
+        raise InputError("force", float(x.mean()), "ln(T2/T1)/theta above 0: a signal pulled against the load")
+    return _judged(problem, min((problem.refined(p, len(t)) for p in starts), key=problem.cost))
 
 
-def _starts(problem: _Problem, count: int) -> list[FloatArray]:
-    """The best points of a grid over mu_s0 and (mu_s - mu_k)/mu_s0, the mean of the signal being kept."""
+def _ratios_of_lines(problem: _Problem) -> list[float]:
+    """(mu_s - mu_k)/mu_s0 whose cycle is a line of the spectrum, with the line's error to either side."""
     t, x, law = problem.time, problem.x, problem.law
-    late = x[len(x) // 3 :]
-    level = float(late.mean())
-    ratios = [*np.geomspace(0.005, 0.6, 120).tolist(), 1e-6]
     span = float(t[-1] - t[0])
     swing = x - np.polynomial.Polynomial.fit(t, x, 1)(t)
+    ratios = []
     for line in dominant_lines(t, swing, (5 / span, highest_frequency(t)), most=2):
-        length = law.speed / line.frequency - law.slip_length
-        exact = law.restick * length / law.critical_slip
-        if 0 < exact < 1:
-            ratios += [exact * (1 + k * line.error / line.frequency) for k in (-2, 0, 2)]
-    found = []
+        ratio = law.restick * (law.speed / line.frequency - law.slip_length) / law.critical_slip
+        if 0 < ratio < 1:
+            ratios += [ratio * (1 + k * line.error / line.frequency) for k in (-1, 0, 1)]
+    return ratios
+
+
+def _on_grid(problem: _Problem, ratios: Sequence[float], count: int) -> list[FloatArray]:
+    """The best points of a grid over mu_s0 and (mu_s - mu_k)/mu_s0 for the first samples; the mean is the signal's."""
+    x, law = problem.x, problem.law
+    level = float(x[len(x) // 3 :].mean())
     others = [0.0] * len(problem.free)
+    found = []
     for ratio in ratios:
         for mu_s0 in (level * np.linspace(1.0, 2.2, 13)).tolist():
             drop = ratio * mu_s0
-            stick = drop / (law.restick * mu_s0 / law.critical_slip)
+            stick = ratio * law.critical_slip / law.restick
             mean = drop * (0.5 * stick + 2 / math.pi * law.slip_length) / (stick + law.slip_length)
             mu_k = level - mean
             if 0 < mu_k and mu_k + drop <= mu_s0:
                 p = np.array([mu_s0, ratio, mu_k / (mu_s0 - drop), *others])
                 found.append((problem.cost(p, count), p))
-    if not found:
-        raise InputError("force", level, "a signal whose ln(T2/T1)/theta is above 0: pulled against the load")
     found.sort(key=lambda c: c[0])
     return [p for _, p in found[: 2 * STARTS]]
 

@@ -114,6 +114,7 @@ class CapstanResult:
     seen: Features
     law: Features
     wall_s: float
+    cpu_s: float
     belt: BeltCheck | None
     dynamic: DynamicCheck | None
     verdict: ColumnVerdict | None
@@ -136,10 +137,10 @@ def run_capstan(
     (options.out / "scene.toml").write_text(scene.to_toml())
     c, column = scene.capstan, scene.column()
     say(f"pulling {column.filaments} filament(s), {c.nodes} nodes, {c.duration * 1e-6:g} s")
-    begin = time.perf_counter()
+    begin, cpu = time.perf_counter(), time.process_time()
     peak_at = column.pulley.critical_slip / column.speed
     pulled = pull(column, c.duration, c.step, [peak_at])
-    wall = time.perf_counter() - begin
+    wall, cpu = time.perf_counter() - begin, time.process_time() - cpu
     belt = dynamic = verdict = fit = None
     if options.belt:
         say("belt law in LAMMPS")
@@ -156,7 +157,7 @@ def run_capstan(
         fit = Fit(t, f, rig, identify(t * 1e6, f, rig, column.pulley, options.free))
     seen = _seen(column, pulled)
     law = features(column.pulley, column.wrap)
-    result = CapstanResult(options.out, scene, column, pulled, seen, law, wall, belt, dynamic, verdict, fit, {})
+    result = CapstanResult(options.out, scene, column, pulled, seen, law, wall, cpu, belt, dynamic, verdict, fit, {})
     result = replace(result, summary=_summary(result))
     _write(result)
     return result
@@ -299,6 +300,7 @@ def _summary(r: CapstanResult) -> dict[str, Any]:
         "filaments": r.column.filaments,
         "nodes": r.column.nodes,
         "wall_s": r.wall_s,
+        "cpu_s": r.cpu_s,
         "iterations_a_step": r.pulled.iterations,
         "seen": _per_second(r.seen),
         "law": _per_second(r.law),

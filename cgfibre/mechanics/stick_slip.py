@@ -88,7 +88,8 @@ class StickSlipLaw:
 
     @property
     def stiffness(self) -> float:
-        """First stiffness mu_s0/critical_slip, per length (times the normal force: a force per slip)."""
+        """First stiffness mu_s0/critical_slip, per length: tau/gamma over p, Eqs 4-1 and 4-2 (times the normal force: a
+        force per slip)."""
         return self.mu_s0 / self.critical_slip
 
     @property
