@@ -12,8 +12,7 @@ from cgfibre.build.system import FloatArray
 from cgfibre.plot import BLUE, GREEN, GREY, INK, VERMILION, new_figure, style
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from cgfibre.plot import Axes, Figure
 
 Pair = tuple[FloatArray, FloatArray]
 COLOURS = (BLUE, VERMILION, GREEN, "#CC79A7", "#E69F00", "#56B4E9", INK)
