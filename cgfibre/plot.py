@@ -1025,3 +1025,42 @@ def figure_histograms(histograms: Sequence[Histogram]) -> Figure:
             ax.axvline(float(np.mean(values)), color=INK, lw=1.2, ls=(0, (4, 2)))
         axes[0].set_ylabel("Filaments (1)")
     return fig
+
+
+# --- contact ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ContactCurve:
+    """Pressure (n,) kPa across a contact at ``y`` (n,) um, with its ``label``."""
+
+    y: FloatArray
+    pressure: FloatArray
+    label: str
+
+
+def plot_contact_pressure(ax: Axes, curves: Sequence[ContactCurve]) -> Axes:
+    """Pressure across line contacts (thesis Fig 6-3), GPa, one line a curve."""
+    with style():
+        for k, c in enumerate(curves):
+            ax.plot(c.y, c.pressure * 1e-6, color=(BLUE, VERMILION, GREEN, GREY)[k % 4], label=c.label)
+        ax.set_xlabel("Distance from the middle of the contact (µm)")
+        ax.set_ylabel("Contact pressure (GPa)")
+        ax.set_ylim(bottom=0, top=1.3 * ax.get_ylim()[1])
+        ax.legend(loc="upper center")
+    return ax
+
+
+def plot_shear_map(ax: Axes, y: FloatArray, depth: FloatArray, shear: FloatArray, label: str) -> Axes:
+    """Map of the greatest shear stress (depths, ys) under a contact, in the unit that ``label`` states; + its peak."""
+    with style():
+        drawn = ax.contourf(y, depth, shear, 15, cmap="viridis")
+        k = np.unravel_index(int(np.argmax(shear)), shear.shape)
+        ax.plot(y[k[1]], depth[k[0]], "+", color="white", ms=9, mew=1.6)
+        ax.invert_yaxis()
+        ax.set_aspect("equal")
+        ax.grid(False)
+        ax.set_xlabel("Distance from the middle (µm)")
+        ax.set_ylabel("Depth (µm)")
+        ax.figure.colorbar(drawn, ax=ax, label=label, shrink=0.85)
+    return ax

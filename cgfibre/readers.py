@@ -156,21 +156,22 @@ def _header(lines: list[str], separator: str, columns: int) -> tuple[tuple[str, 
         joined = [_fields(re.sub(r"\s+([(\[])", r"\1", line), "") for line in lines]
         rows = [one if len(one) == columns else two for one, two in zip(rows, joined, strict=True)]
     named = [k for k, fields in enumerate(rows) if len(fields) == columns and any(fields)]
+    noted = lines
     names, written = [f"column {k + 1}" for k in range(columns)], [""] * columns
     if named:
         last = named[-1]
         # a line of units under the line of names
         if len(named) > 1 and named[-2] == last - 1 and all(_unit(f) for f in rows[last] if f):
             names, written = rows[last - 1], [f.strip("()[]") for f in rows[last]]
-            named = named[:-2]
+            noted = lines[: last - 1]
         else:
             names = rows[last]
-            named = named[:-1]
+            noted = lines[:last]
         for k, name in enumerate(names):
             if not written[k]:
                 names[k], written[k] = _split_unit(name)
     notes = {}
-    for line in lines:
+    for line in noted:
         match = re.match(r"([^:=;\t,]{1,40}?)\s*[:=;\t,]\s*(\S.*)", line)
         if match:
             notes[match[1].strip().strip('"').lower()] = match[2].strip().strip('";,\t ')

@@ -257,13 +257,13 @@ def write_curve(path: Path, curve: Curve) -> None:
             writer.writerow([int(row[0]), *(f"{x:.10g}" for x in row[1:])])
 
 
-def write_columns(path: Path, columns: Mapping[str, np.ndarray]) -> None:
-    """A CSV file of columns of equal length, named by their keys; numbers to ten figures."""
+def write_columns(path: Path, columns: Mapping[str, Sequence[Any] | np.ndarray]) -> None:
+    """A CSV file of columns of equal length, named by their keys; numbers to ten figures, text as it is."""
     with _replacing(path) as part, part.open("w", newline="") as f:
         writer = csv.writer(f)
         writer.writerow(columns)
         for row in zip(*columns.values(), strict=True):
-            writer.writerow([f"{x:.10g}" for x in row])
+            writer.writerow([x if isinstance(x, str) else f"{x:.10g}" for x in row])
 
 
 @dataclass(frozen=True)

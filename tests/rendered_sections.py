@@ -23,6 +23,21 @@ class Microscope:
     dark: bool = False
 
 
+PLAIN = Microscope(pixels_per_um=2.5, blur=0.8, noise=0.08)
+#: volume fraction, what differs from PLAIN, what differs in the bundle
+CASES = {
+    "loose": (0.55, {}, {}),
+    "dense": (0.75, {}, {}),  # almost as dense as discs at random get
+    "all touch": (0.60, {}, {"touch": 1.0}),
+    "uneven light": (0.65, {"shade": 0.25}, {}),
+    "noise": (0.65, {"noise": 0.2}, {}),
+    "small": (0.65, {"pixels_per_um": 1.5, "blur": 0.6}, {}),
+    "large": (0.65, {"pixels_per_um": 5.86, "blur": 1.8}, {}),
+    "unequal": (0.55, {}, {"spread": 0.06}),
+    "dark": (0.65, {"dark": True}, {}),
+}
+
+
 def draw(centres, diameters, shape, microscope, rng):
     """8-bit picture of discs at pixel centres (n, 2) (x right, y down), diameters (n,) in pixels."""
     height, width = shape

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
-from rendered_sections import UM, Microscope, Specimen, bundle, draw, score
+from rendered_sections import CASES, PLAIN, UM, Microscope, Specimen, bundle, draw, score
 
 from cgfibre import micrograph
 from cgfibre.build.bundle import jittered
@@ -16,8 +16,6 @@ from cgfibre.errors import InputError
 from cgfibre.measure import section_image
 from cgfibre.scene import load_scene
 from cgfibre.workflow import RunOptions, measure_folder, plan_scene, run_scene
-
-PLAIN = Microscope(pixels_per_um=2.5, blur=0.8, noise=0.08)
 
 
 def specimen(seed, volume_fraction, microscope, **kwargs):
@@ -30,20 +28,6 @@ def found_in(s, diameter=None, polarity="auto"):
 
 
 # --- the bars: 98 % found, centres within 0.1 D, below 1 % false --------------------------------------------------
-
-
-#: volume fraction, what differs from PLAIN, what differs in the bundle
-CASES = {
-    "loose": (0.55, {}, {}),
-    "dense": (0.75, {}, {}),  # almost as dense as discs at random get
-    "all touch": (0.60, {}, {"touch": 1.0}),
-    "uneven light": (0.65, {"shade": 0.25}, {}),
-    "noise": (0.65, {"noise": 0.2}, {}),
-    "small": (0.65, {"pixels_per_um": 1.5, "blur": 0.6}, {}),
-    "large": (0.65, {"pixels_per_um": 5.86, "blur": 1.8}, {}),
-    "unequal": (0.55, {}, {"spread": 0.06}),
-    "dark": (0.65, {"dark": True}, {}),
-}
 
 
 def check_bars(case, seed):
