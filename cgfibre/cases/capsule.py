@@ -1,6 +1,6 @@
 """Capsules as they lie: the force of segments on each other and on platens against closed forms, beads held.
 
-Levels "chain, capsules" and "rod, capsules". Filaments of 10 segments at least; nothing is to depend on where beads lie.
+Levels "chain, capsules" and "rod, capsules". Nothing is to depend on where the beads lie.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -84,8 +85,8 @@ UPPER = ["group upper molecule 2", "compute grip upper reduce sum fx fy fz"]
 
 
 def line_contact(folder: Path, level: str, spacing: float, load: float = 1.0) -> list[Measured]:
-    """Two parallel filaments, out of register by 0.37 s, at the approach that plane strain gives ``load`` N/mm: the load
-    per length of overlap. The law itself at every load."""
+    """Two parallel filaments, out of register by 0.37 s, at the approach that plane strain gives ``load`` N/mm: the
+    load per length of overlap. The law itself at every load."""
     law, n = line_law(), segments_for(spacing)
     approach = float(law.approach(load * 1e6))
     shift = 0.37 * spacing * D
@@ -93,7 +94,9 @@ def line_contact(folder: Path, level: str, spacing: float, load: float = 1.0) ->
     plan, system = posed(level, spacing, shapes)
     (_, _, force), out = reading(folder, plan, system, UPPER, "c_grip[*]")
     found = force / (n * spacing * D - shift)
-    return [Measured(f"line contact, {load:g} N/mm", level, spacing, "line load", "nN/um", found, load * 1e6, out.time.cpu)]
+    return [
+        Measured(f"line contact, {load:g} N/mm", level, spacing, "line load", "nN/um", found, load * 1e6, out.time.cpu)
+    ]
 
 
 def lens_width(overlap: float, angle: float) -> float:
@@ -143,7 +146,7 @@ def sampled_force(overlap: float, angle: float, cuts: Sequence[float]) -> float:
     whole = lens_width(overlap, angle)
     ends = np.array([-whole, *sorted(c for c in cuts if abs(c) < whole), whole])
     total = 0.0
-    for lo, hi in zip(ends[:-1], ends[1:], strict=True):
+    for lo, hi in pairwise(ends):
         near = 0.0 if lo <= 0 <= hi else min(abs(lo), abs(hi))
         deepest = D - math.hypot(away, near * sine)
         lens = lens_width(deepest, angle)
@@ -187,7 +190,7 @@ def crossing(folder: Path, level: str, spacing: float, angle: float = 90.0, widt
 
 
 def end_overlap(folder: Path, level: str, spacing: float) -> list[Measured]:
-    """A filament that lies on another with 0.37 of its length, the rest beyond the end: the load on the overlap alone."""
+    """A filament that lies on another with 0.37 of its length, the rest beyond the end: load on the overlap alone."""
     law, n, share = line_law(), segments_for(spacing), 0.37
     length = n * spacing * D
     approach = float(law.approach(1e6))

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from cgfibre.build.system import FilamentSystem, FloatArray
-from cgfibre.cases.capsule import HELD, R, line_law, platen_law, posed, segments_for, straight
-from cgfibre.cases.experiment import Measured, Outcome, deck_level, moved, planned, run
+from cgfibre.cases.capsule import HELD, R, line_law, posed, segments_for, straight
+from cgfibre.cases.experiment import Measured, Outcome, moved, run_on
 from cgfibre.cases.friction import MU, parallel_filaments
 from cgfibre.cases.rods import AWAY, D
 from cgfibre.plan.model import Plan
@@ -21,25 +20,30 @@ BY_ANGLE = {0.0: 0.429, 10.0: 0.285, 45.0: 0.198, 90.0: 0.23}
 ROWS = 400  # of force along a way
 
 
-def dragged(
-    folder: Path,
-    assembly: tuple[Plan, FilamentSystem],
-    way: tuple[float, float],
-    commands: Sequence[str] = (),
-    load: float = 0.0,
-    **variables: float | str,
-) -> tuple[FloatArray, Outcome]:
-    """(rows, outcome): the last filament dragged over the held others by ``way`` (x, y) um in 20 000 steps.
+@dataclass(frozen=True)
+class Drag:
+    """How far (x, y) um a filament is dragged in how many steps, at an even height or free to rise under ``load`` nN a
+    bead; on how many ranks."""
 
-    At an even height, or free to rise under ``load`` nN a bead. A row: x, y um gone, force on it (3) nN, its height um.
-    """
+    way: tuple[float, float]
+    load: float = 0.0
+    steps: int = 20000
+    ranks: int = 1
+
+
+def dragged(
+    folder: Path, assembly: tuple[Plan, FilamentSystem], drag: Drag, **variables: float | str
+) -> tuple[FloatArray, Outcome]:
+    """(rows, outcome): the last filament dragged over the held others. A row: x, y um gone, force on the others (3) nN,
+    its height um."""
     plan, system = assembly
-    steps = 20000
+    steps, load = drag.steps, drag.load
     every = steps // ROWS
     n = system.n_filaments
-    speed = [x / steps / plan.timestep for x in way]
+    speed = [x / steps / plan.timestep for x in drag.way]
     held = [c for c in HELD if plan.beads.support != "periodic" or "hold" not in c]
-    out = run(
+    out = run_on(
+        drag.ranks,
         folder,
         system,
         moved(plan, 1e-9, steps, sample=steps),
@@ -51,10 +55,9 @@ def dragged(
             f"fix pull upper move linear {speed[0]:.17g} {speed[1]:.17g} {'NULL' if load else '0'}",
             "compute grip lower reduce sum fx fy fz",
             "compute where upper reduce ave z",
-            *commands,
             f'fix friction all ave/time {every} 1 {every} c_grip[*] c_where file friction.txt format " %.17g"',
         ],
-        **({"drag": 0.0, "turning_drag": 0.0} | AWAY | variables),
+        {"drag": 0.0, "turning_drag": 0.0} | AWAY | variables,
     )
     rows = out.rows("friction.txt")
     gone = rows[:, :1] * plan.timestep * np.array(speed)
@@ -81,9 +84,11 @@ def sliding_along(folder: Path, level: str, spacing: float) -> list[Measured]:
 
 
 def sliding_in_groove(folder: Path, level: str, spacing: float) -> list[Measured]:
-    """One filament slides in the groove of two that touch: F/N = mu/cos(angle of the sides), 30 degrees and the dent."""
+    """One filament slides in the groove of two: F/N = mu/cos(angle of the sides), 30 degrees less the dent's."""
     tilt = math.sqrt(0.75)
-    return _slide(folder, "sliding in a groove", (level, spacing), np.array([[-0.5, 0.0], [0.5, 0.0], [0.0, tilt]]), tilt)
+    return _slide(
+        folder, "sliding in a groove", (level, spacing), np.array([[-0.5, 0.0], [0.5, 0.0], [0.0, tilt]]), tilt
+    )
 
 
 def _slide(folder: Path, case: str, grid: tuple[str, float], centres: FloatArray, tilt: float) -> list[Measured]:
@@ -106,7 +111,7 @@ def _slide(folder: Path, case: str, grid: tuple[str, float], centres: FloatArray
         points[-beads:, 0] += shift * spacing * D
         own = replace(system, positions=points)
         load = line_load * spacing * D
-        rows, out = dragged(folder / name[:2], (plan, own), (spacing * D, 0.0), load=load)
+        rows, out = dragged(folder / name[:2], (plan, own), Drag((spacing * D, 0.0), load))
         late = rows[ROWS // 10 :]  # once the friction springs slip and the load has come to rest
         ratio = late[:, 2] / -late[:, 4]
         label = f"{case}, {name}"
@@ -120,7 +125,7 @@ def sliding_across(folder: Path, level: str, spacing: float) -> list[Measured]:
     aside, approach = 0.2, float(line_law().approach(1e6))
     n = segments_for(spacing)
     shapes = [straight(n, spacing), straight(n, spacing, (0.37 * spacing * D, -aside, D - approach))]
-    rows, out = dragged(folder, posed(level, spacing, shapes), (0.0, 2 * aside))
+    rows, out = dragged(folder, posed(level, spacing, shapes), Drag((0.0, 2 * aside)))
     y, across, normal = rows[:, 1] - aside, rows[:, 3], rows[:, 4]
     slope = np.arctan2(y, rows[:, 5])
     ratio = np.tan(np.arctan2(across, -normal) + slope)[ROWS // 2 :]
@@ -131,8 +136,8 @@ def sliding_across(folder: Path, level: str, spacing: float) -> list[Measured]:
 def crossing_dragged(
     folder: Path, level: str, spacing: float, angle: float, along: str, friction: str, mu: float
 ) -> tuple[FloatArray, float]:
-    """(F/N along the way, processor seconds): a filament dragged over another that it crosses, at an even height, lens of
-    0.3 R, over a segment of the lower (``along`` "lower") or of its own axis ("own")."""
+    """(F/N along the way, processor seconds): a filament dragged over another that it crosses, at an even height, lens
+    of 0.3 R, over a segment of the lower (``along`` "lower") or of its own axis ("own")."""
     half = 0.3 * R * math.sin(math.radians(angle))
     away = math.sqrt(D**2 - half**2)
     n = 2 * math.ceil(max(10, 30 / spacing / math.sin(math.radians(max(angle, 20)))) / 2)
@@ -141,14 +146,14 @@ def crossing_dragged(
     way = (1.0, 0.0) if along == "lower" else (math.cos(turn), math.sin(turn))
     shapes = [straight(n, spacing), straight(n, spacing, (0.3 * s, 0, away), angle) + 0.4 * s * np.array([*way, 0])]
     assembly = posed(level, spacing, shapes, {"contact.damping_ratio": 1e-9})
-    rows, out = dragged(folder, assembly, (way[0] * s, way[1] * s), contact_friction=friction)
+    rows, out = dragged(folder, assembly, Drag((way[0] * s, way[1] * s)), contact_friction=friction)
     late = rows[ROWS // 10 :]
     return (late[:, 2] * way[0] + late[:, 3] * way[1]) / -late[:, 4], out.time.cpu
 
 
 def crossing_sliding(folder: Path, level: str, spacing: float, angle: float = 90.0) -> list[Measured]:
-    """A filament dragged over another that it crosses at ``angle`` degrees, over a segment of it and over one of its own:
-    F/N and its ripple."""
+    """A filament dragged over another that it crosses at ``angle`` degrees, over a segment of it and over one of its
+    own: F/N and its ripple."""
     found = []
     for along in ("lower", "own"):
         ratio, cpu = crossing_dragged(folder / along, level, spacing, angle, along, f"{MU}", MU)
@@ -159,12 +164,12 @@ def crossing_sliding(folder: Path, level: str, spacing: float, angle: float = 90
 
 def friction_by_angle(folder: Path, level: str, spacing: float, angle: float = 45.0) -> list[Measured]:
     """Friction tabulated against the crossing angle: F/N of a filament dragged over another is the table's."""
-    folder.mkdir(parents=True, exist_ok=True)
-    table = folder / "friction.table"
+    run = folder / "run"
+    run.mkdir(parents=True, exist_ok=True)
     rows = "\n".join(f"{k} {a:g} {mu:g}" for k, (a, mu) in enumerate(BY_ANGLE.items(), 1))
-    table.write_text(f"# degrees, mu\n\nTOW\nN {len(BY_ANGLE)}\n\n{rows}\n")
-    words = f"angle {table} TOW"
-    ratio, cpu = crossing_dragged(folder / "run", level, spacing, angle, "lower", words, BY_ANGLE[angle])
+    (run / "friction.table").write_text(f"# degrees, mu\n\nTOW\nN {len(BY_ANGLE)}\n\n{rows}\n")
+    words = "angle friction.table TOW"  # of the deck's own folder
+    ratio, cpu = crossing_dragged(run, level, spacing, angle, "lower", words, BY_ANGLE[angle])
     return _ratios(f"friction by angle, {angle:g} degrees", (level, spacing), ratio, BY_ANGLE[angle], cpu)
 
 
@@ -176,7 +181,7 @@ def static_and_kinetic(folder: Path, level: str, spacing: float) -> list[Measure
     shapes = [straight(n, spacing), straight(n, spacing, (0.37 * spacing * D, 0, D - approach))]
     assembly = posed(level, spacing, shapes, {"contact.damping_ratio": 1e-9})
     # the spring gives way at mu f/kt: 0.25 of the approach; over twice that
-    rows, out = dragged(folder, assembly, (0.5 * approach, 0.0), contact_friction=f"{MU} kinetic 0.15")
+    rows, out = dragged(folder, assembly, Drag((0.5 * approach, 0.0)), contact_friction=f"{MU} kinetic 0.15")
     ratio = rows[:, 2] / -rows[:, 4]
     case, grid = "static and kinetic friction", (level, spacing)
     peak = float(np.max(ratio))

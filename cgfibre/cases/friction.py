@@ -111,7 +111,8 @@ def parallel_filaments(
     level: str, spacing: float, length: float, centres: FloatArray, *, periodic: bool = False
 ) -> tuple[Plan, FilamentSystem]:
     """Parallel filaments of ``length`` diameters through ``centres`` (n, 2) um, beads in register, no end load."""
-    plan, one = filament(level, spacing, length, {"ends.support": "symmetry"} if periodic else None)
+    changes: dict[str, object] = {"contact.softening": 1.0}
+    plan, one = filament(level, spacing, length, changes | ({"ends.support": "symmetry"} if periodic else {}))
     stations = plan.beads.stations - plan.beads.stations[0]
     system = build_bundle(BundleSpec(one.types[0], centres, stations), np.random.default_rng(0))
     if periodic:

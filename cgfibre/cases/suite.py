@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from cgfibre.cases import contact, friction, invariants, rods
+from cgfibre.cases import capsule, capsule_friction, contact, friction, invariants, rods
 from cgfibre.cases.experiment import Measured
 
 SPACINGS = (0.5, 1.0, 2.0, 4.0)
+CAPSULE_SPACINGS = (1.0, 2.0, 4.0, 8.0)
 CAPSTAN_NODES = (60, 30, 15, 8, 4)
 
 
@@ -84,6 +85,100 @@ def _square(coefficient: float, reason: str) -> Limit:
 def _part(function: Callable[..., list[Measured]], **settings: object) -> Callable[[Path, str, float], list[Measured]]:
     return partial(function, **settings)
 
+
+SMOOTH = {
+    "mean F/N": Limit(1e-8, "Coulomb's law"),
+    "rise and fall over D": Limit(1e-7, "smooth: nothing to climb; bpm bonds' noise of 0.3 nN"),
+}
+CAPSULES: Any = {"levels": ("chain, capsules", "rod, capsules"), "spacings": CAPSULE_SPACINGS, "quick": (4.0,)}
+
+
+SMOOTH_RIPPLE = SMOOTH | {"ripple of F/N": Limit(1e-6, "smooth; bpm bonds' noise of 0.3 nN")}
+#: the parts of a lens over a joint push in directions of their own
+LENS_RIPPLE = {
+    "mean F/N": Limit(1e-3, "lens over a joint: its parts push in directions of their own"),
+    "ripple of F/N": Limit(3e-3, "lens over a joint: its parts push in directions of their own"),
+}
+
+
+#: filaments that touch along their segments
+CAPSULE_CASES: tuple[Case, ...] = (
+    *(
+        Case(
+            f"line contact of capsules, {load:g} N/mm",
+            _part(capsule.line_contact, load=load),
+            {"line load": Limit(1e-9, "the law itself, tabulated to 1e-10")},
+            **CAPSULES,
+        )
+        for load in contact.LINE_LOADS
+    ),
+    *(
+        Case(
+            f"crossing of capsules at {angle:g} degrees, lens {width:g} R",
+            _part(capsule.crossing, angle=angle, width=width),
+            {"force": Limit(1e-9, "two points of every stretch are stated", order=float("nan"))},
+            CAPSULES["levels"] if width == 0.5 else ("chain, capsules",),  # the same code
+            CAPSULE_SPACINGS,
+            (4.0,),
+        )
+        for angle in (90.0, 45.0, 10.0)
+        for width in (0.2, 0.5, 1.5)
+    ),
+    Case("end overlap", capsule.end_overlap, {"force": EXACT}, **CAPSULES),
+    Case("off the end", capsule.off_the_end, {"force off": EXACT}, **CAPSULES),
+    Case("capsules sliding along", capsule_friction.sliding_along, SMOOTH_RIPPLE, **CAPSULES),
+    Case("capsules sliding in a groove", capsule_friction.sliding_in_groove, SMOOTH_RIPPLE, **CAPSULES),
+    Case(
+        "capsules sliding across",
+        capsule_friction.sliding_across,
+        {"F_t/F_n": Limit(1e-8, "Coulomb's law")},
+        **CAPSULES,
+    ),
+    *(
+        Case(
+            f"capsules crossing, sliding at {angle:g} degrees",
+            _part(capsule_friction.crossing_sliding, angle=angle),
+            LENS_RIPPLE,
+            **CAPSULES,
+        )
+        for angle in (90.0, 45.0, 10.0)
+    ),
+    *(
+        Case(
+            f"friction by angle, {angle:g} degrees",
+            _part(capsule_friction.friction_by_angle, angle=angle),
+            LENS_RIPPLE,
+            **CAPSULES,
+        )
+        for angle in (90.0, 45.0, 10.0)
+    ),
+    Case(
+        "static and kinetic friction",
+        capsule_friction.static_and_kinetic,
+        {
+            "largest F/N": Limit(6e-3, "one of 400 rows over the way to slip"),
+            "sliding F/N": Limit(1e-8, "Coulomb's law"),
+        },
+        **CAPSULES,
+    ),
+    Case(
+        "platen force balance of capsules",
+        contact.platen_balance,
+        {"taken below": Limit(1e-6, "balance at rest")},
+        CAPSULES["levels"],
+        (1.0, 2.0, 4.0),
+        (4.0,),
+    ),
+    Case(
+        "momentum of capsules",
+        invariants.momentum,
+        {
+            "linear, change": Limit(1e-12, "pair forces: rounding"),
+            "angular, change": Limit(1e-11, "pair forces and torques: rounding"),
+        },
+        **CAPSULES,
+    ),
+)
 
 CASES: tuple[Case, ...] = (
     Case("axial", rods.axial, {"elongation": EXACT}, quick=(1.0,)),
@@ -275,6 +370,7 @@ CASES: tuple[Case, ...] = (
         quick=(1.0,),
     ),
     Case("frame", invariants.frame, FRAME, quick=(2.0,)),
+    *CAPSULE_CASES,
 )
 
 

@@ -500,11 +500,11 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
   return true;
 }
 
-// A contact that begins where one with the segment before or behind has just ended goes on with its history: a filament
-// that crosses another at a right angle passes from segment to segment at once.
-template <bool SPIN> bool PairCapsule::inherit(size_t m, int k)
+// A stretch that begins on the next segment of a filament goes on with the spring of the stretch before it: what has slid
+// along the one has slid along the other. A filament that crosses at a right angle changes segments at once.
+bool PairCapsule::inherit(size_t m, int k)
 {
-  const Segment &A = segments[masters[m]], &B = segments[partners[k]];
+  const Segment &B = segments[partners[k]];
   double *h = &history[(size_t) k * HISTORY];
   const auto next_to = [&](int other) {
     const Segment &O = segments[other];
@@ -515,15 +515,9 @@ template <bool SPIN> bool PairCapsule::inherit(size_t m, int k)
       std::copy(one.history, one.history + HISTORY, h);
       return true;
     }
-  for (int j = k + 1; j < rows[m + 1]; j++) {
-    double *theirs = &history[(size_t) j * HISTORY];
-    if ((theirs[0] == 0.0 && theirs[1] == 0.0 && theirs[2] == 0.0) || !next_to(partners[j])) continue;
-    const Segment &O = segments[partners[j]];
-    double kept[HISTORY];
-    std::copy(theirs, theirs + HISTORY, kept);
-    CapsuleContact contact;
-    Load load;
-    if (touch<SPIN>(A, O, of_types(atom->type[A.first], atom->type[O.first]), kept, false, false, contact, load)) continue;
+  for (int j = rows[m]; j < rows[m + 1]; j++) {
+    const double *theirs = &history[(size_t) j * HISTORY];
+    if (j == k || (theirs[0] == 0.0 && theirs[1] == 0.0 && theirs[2] == 0.0) || !next_to(partners[j])) continue;
     std::copy(theirs, theirs + HISTORY, h);
     return true;
   }
@@ -554,7 +548,7 @@ template <bool SPIN> void PairCapsule::add_forces()
         }
         continue;
       }
-      if (advance && fresh && contact.normal > 0.0 && inherit<SPIN>(m, k))
+      if (advance && fresh && contact.normal > 0.0 && inherit(m, k))
         touch<SPIN>(A, B, c, h, advance, energy, contact, load);
       const int beads[4] = {A.first, A.second, B.first, B.second};
       for (int n = 0; n < 4; n++) {

@@ -112,7 +112,7 @@ class PairCapsule : public LAMMPS_NS::Pair, public HistoryOwner {
   void place_segments();
   template <bool SPIN>
   bool touch(const Segment &, const Segment &, const Coefficients &, double *, bool, bool, CapsuleContact &, Load &) const;
-  template <bool SPIN> bool inherit(std::size_t, int);
+  bool inherit(std::size_t, int);
   template <bool SPIN> void add_forces();
   bool look(int, int, CapsuleContact &);
   void tally(const Segment &, const Segment &, const CapsuleContact &, const Load &);
