@@ -26,6 +26,7 @@ from cgfibre import plot, store
 from cgfibre.build.system import FloatArray
 from cgfibre.errors import CgfibreError, EngineError, InputError
 from cgfibre.measure.compaction import thickness_at_pressure
+from cgfibre.plan.filaments import SEGMENT, contact_shape
 from cgfibre.plan.model import Plan
 from cgfibre.plan.motion import REFERENCE_DISPLACEMENT
 from cgfibre.record import Curve
@@ -38,7 +39,7 @@ Progress = Callable[[float, float, str], None]
 
 #: parts of the reference's peak force at whose displacements forces are compared
 FORCE_SHARES = (0.1, 0.4, 1.0)
-#: accuracies of the ladder of chains at s = D, and of every other step of it
+#: accuracies of the ladder of chains at their usual spacing (capsules 4 D, beads D), and of every other step of it
 ACCURACIES = (0.2, 0.1, 0.05, 0.025)
 ACCURACY = 0.05
 REFERENCE_ACCURACY = 0.0125  # finer than the ladder: at the same speed its error would not show
@@ -50,7 +51,13 @@ UNBOUNDED = 10**9
 PLANNER = "planner"
 COMPARED = "compared"  # in place of the level of what was made elsewhere
 #: keys of the other level that a variant sets back to their defaults
-_ALONG = ("model.spacing=auto", "model.axial_softening=auto", "model.torsion=none", "model.symmetry=auto")
+_ALONG = (
+    "model.spacing=auto",
+    "model.axial_softening=auto",
+    "model.torsion=none",
+    "model.symmetry=auto",
+    "contact.shape=auto",
+)
 _ACROSS = ("model.depth=auto", "model.spring=exact", "model.torsional_spring=exact")
 #: what every run of a chart leaves out
 LOADING_ALONE = ("platens.unload=false", "platens.hold=0 us", "model.speed_check=false")
@@ -58,10 +65,12 @@ LOADING_ALONE = ("platens.unload=false", "platens.hold=0 us", "model.speed_check
 
 @dataclass(frozen=True)
 class Variant:
-    """A way to model the scene: ``spacing`` is s/D (0 for a section), ``overrides`` make it of the scene."""
+    """A way to model the scene: ``spacing`` is s/D (0 for a section), ``shape`` how filaments touch ("capsule" or
+    "beads", "" for a section), ``overrides`` make it of the scene."""
 
     name: str
     level: str
+    shape: str
     spacing: float
     accuracy: float
     overrides: tuple[str, ...]
@@ -88,13 +97,14 @@ class ChartOptions:
 class Row:
     """One variant of the chart: means over its starts, and their lowest and highest.
 
-    ``cpu`` processor seconds of the engine; ``error`` the mean of abs(F/F_ref - 1) beyond the first 2/7 D;
-    ``force_errors`` (3,) signed, at the chart's displacements; ``thickness_errors`` (3,) um, at its forces (nan: not
-    reached).
+    ``shape`` how its filaments touch: "capsule", "beads" or "" (a section, or made elsewhere); ``cpu`` processor
+    seconds of the engine; ``error`` the mean of abs(F/F_ref - 1) beyond the first 2/7 D; ``force_errors`` (3,) signed,
+    at the chart's displacements; ``thickness_errors`` (3,) um, at its forces (nan: not reached).
     """
 
     name: str
     level: str
+    shape: str
     spacing: float
     accuracy: float
     starts: int
@@ -141,8 +151,9 @@ class Chart:
 # --- the ladder -------------------------------------------------------------------------------------------------------
 
 
-def variant(level: str, spacing: float, accuracy: float, diameter: float) -> Variant:
-    """A step of the ladder: ``spacing`` s/D (ignored for a section); as fast as its accuracy allows and no faster."""
+def variant(level: str, spacing: float, accuracy: float, diameter: float, shape: str = "capsule") -> Variant:
+    """A step of the ladder: ``spacing`` s/D and ``shape`` (both ignored for a section); as fast as its accuracy allows
+    and no faster."""
     common = (
         f"model.level={level}",
         f"model.accuracy={accuracy!r}",
@@ -151,30 +162,38 @@ def variant(level: str, spacing: float, accuracy: float, diameter: float) -> Var
         "platens.speed=auto",
     )
     if level == "section":
-        return Variant(f"section-{accuracy:g}", level, 0.0, accuracy, (*common, *_ALONG))
-    along = [f"model.spacing={spacing * diameter!r} um", *_ACROSS]
+        return Variant(f"section-{accuracy:g}", level, "", 0.0, accuracy, (*common, *_ALONG))
+    along = [f"contact.shape={shape}", f"model.spacing={spacing * diameter!r} um", *_ACROSS]
     if level == "rod":
         along.append("model.torsion=none")
     where = f"{spacing:g}D" if spacing >= 1 else f"D{1 / spacing:g}"
-    name = f"{level}-{where.removeprefix('1')}-{accuracy:g}"
-    return Variant(name, level, spacing, accuracy, (*common, *along))
+    beads = "beads-" if shape == "beads" else ""
+    name = f"{level}-{beads}{where.removeprefix('1')}-{accuracy:g}"
+    return Variant(name, level, shape, spacing, accuracy, (*common, *along))
 
 
 def ladder(scene: Scene, reference_accuracy: float = REFERENCE_ACCURACY) -> tuple[list[Variant], Variant]:
     """(variants, the reference) of a scene: rods are the finest of filaments that twist or migrate, else chains.
 
-    The reference is at s = D/2, of the whole assembly (no symmetry) and, by default, at half the platen speed of the
-    ladder's finest.
+    Where filaments touch as capsules, beads stand beside them. The reference, capsules at s = D or else beads at
+    s = D/2, is of the whole assembly (no symmetry) and, by default, at half the platen speed of the ladder's finest.
     """
     d = scene.filament.diameter
     finest = "chain" if scene.assembly.straight else "rod"
     steps = [variant("section", 0.0, ACCURACY, d)]
-    steps += [variant("chain", 1.0, a, d) for a in ACCURACIES]
-    steps.append(variant("chain", 0.5, ACCURACY, d))
-    if scene.assembly.count == 1:  # no neighbours for coarse beads to miss
-        steps += [variant("chain", s, ACCURACY, d) for s in (2.0, 4.0)]
-    steps.append(variant("rod", 1.0, ACCURACY, d))
-    reference = variant(finest, 0.5, reference_accuracy, d)
+    if contact_shape(scene).value == "capsule":
+        steps += [variant("chain", SEGMENT, a, d) for a in ACCURACIES]
+        steps += [variant("chain", s, ACCURACY, d) for s in (8.0, 2.0, 1.0)]
+        steps.append(variant("rod", SEGMENT, ACCURACY, d))
+        steps += [variant("chain", s, ACCURACY, d, "beads") for s in (1.0, 0.5)]
+        reference = variant(finest, 1.0, reference_accuracy, d)
+    else:
+        steps += [variant("chain", 1.0, a, d, "beads") for a in ACCURACIES]
+        steps.append(variant("chain", 0.5, ACCURACY, d, "beads"))
+        if scene.assembly.count == 1:  # no neighbours for coarse beads to miss
+            steps += [variant("chain", s, ACCURACY, d, "beads") for s in (2.0, 4.0)]
+        steps.append(variant("rod", 1.0, ACCURACY, d, "beads"))
+        reference = variant(finest, 0.5, reference_accuracy, d, "beads")
     reference = replace(reference, overrides=(*reference.overrides, "model.symmetry=none"))
     return [v for v in steps if v.name != reference.name], reference
 
@@ -275,13 +294,14 @@ def _lay_out(source: str | Path, overrides: Sequence[str], options: ChartOptions
         except InputError as error:
             left_out.append((v.name, str(error)))
     runs[reference.name] = references
-    own = Variant(PLANNER, "", 0.0, scene.model.accuracy, ())
+    own = Variant(PLANNER, "", "", 0.0, scene.model.accuracy, ())
     mine = plan_run(own, 0)
     same = [name for name, found in runs.items() if _same_model(found[0].plan, mine.plan)]
     if same:
         return _Work(runs, reference.name, same[0], tuple(left_out))
     spacing = mine.plan.spacing / scene.filament.diameter
-    own = replace(own, level=mine.plan.level, spacing=spacing)
+    shape = "" if mine.plan.level == "section" else contact_shape(mine.scene).value
+    own = replace(own, level=mine.plan.level, shape=shape, spacing=spacing)
     runs[PLANNER] = plan_runs(own)
     return _Work(runs, reference.name, PLANNER, tuple(left_out))
 
@@ -403,6 +423,7 @@ def _row(runs: Sequence[_Run], yardsticks: Mapping[int, Yardstick], reference: b
     return Row(
         v.name,
         v.level,
+        v.shape,
         v.spacing,
         v.accuracy,
         len(runs),
@@ -424,9 +445,13 @@ def _yardsticks(work: _Work, curves: Callable[[_Run], Curve]) -> dict[int, Yards
     references = work.runs[work.reference]
     diameter = references[0].scene.filament.diameter
     own = {run.start: Yardstick.of(curves(run), diameter) for run in references}
-    level = references[0].variant.level
+    like = references[0].variant
     finest = [
-        r for name, r in work.runs.items() if r[0].variant.level == level and name != work.reference and len(r) > 1
+        r
+        for name, r in work.runs.items()
+        if (r[0].variant.level, r[0].variant.shape) == (like.level, like.shape)
+        and name != work.reference
+        and len(r) > 1
     ]
     if finest:
         first, *others = min(finest, key=lambda r: (r[0].variant.accuracy, r[0].variant.spacing))
@@ -479,6 +504,7 @@ def _compared(
     return Row(
         name,
         COMPARED,
+        "",
         math.nan,
         math.nan,
         1,
@@ -584,6 +610,7 @@ def table_of(chart: Chart) -> dict[str, tuple[list[Any], str]]:
     columns: dict[str, tuple[list[Any], str]] = {
         "variant": ([r.name for r in rows], "text"),
         "level": ([r.level for r in rows], "text"),
+        "contact": ([r.shape for r in rows], "text"),
         "spacing": ([r.spacing for r in rows], "D"),
         "accuracy": ([r.accuracy for r in rows], "1"),
         "starts": ([r.starts for r in rows], "1"),
@@ -608,7 +635,17 @@ def table_of(chart: Chart) -> dict[str, tuple[list[Any], str]]:
 def points_of(chart: Chart) -> list[plot.ChartPoint]:
     """What the picture shows of each variant but the reference."""
     return [
-        plot.ChartPoint(r.name, r.level, r.cpu, r.error, r.cpu_range, r.error_range, r.front, r.planner, r.trusted)
+        plot.ChartPoint(
+            r.name,
+            f"{r.level}, {r.shape}" if r.shape else r.level,
+            r.cpu,
+            r.error,
+            r.cpu_range,
+            r.error_range,
+            r.front,
+            r.planner,
+            r.trusted,
+        )
         for r in chart.rows
         if not r.reference
     ]

@@ -383,12 +383,16 @@ class ChartPoint:
     trusted: bool = True
 
 
-#: colour and marker of a level
+#: colour and marker of a level, and of how its filaments touch
 LEVELS = {
     "subbundle": ("#CC79A7", "P"),
     "section": (GREEN, "s"),
     "chain": (BLUE, "o"),
     "rod": (VERMILION, "^"),
+    "chain, capsule": (BLUE, "o"),
+    "chain, beads": ("#56B4E9", "h"),
+    "rod, capsule": (VERMILION, "^"),
+    "rod, beads": ("#E69F00", "v"),
     "compared": (INK, "D"),
 }
 

@@ -18,11 +18,14 @@ from cgfibre import chart, plot, store, workflow
 from cgfibre.cases.experiment import Measured
 from cgfibre.cases.pressing import pressed_alone
 from cgfibre.chart import ChartOptions, Yardstick, chart_scene, pareto_front
+from cgfibre.engine.lammps import find_engine
+from cgfibre.engine.plugin import find_plugin
 from cgfibre.errors import EngineError, InputError
+from cgfibre.plan.make import make_plan
 from cgfibre.scene import load_scene
 
-#: cheap: the early part of the tiny scene, few rows
-SHALLOW = ("platens.speed=auto", "platens.stop.displacement=3 um", "output.samples=60")
+#: cheap: the early part of the tiny scene, few rows; beads: with or without the plugin
+SHALLOW = ("platens.speed=auto", "platens.stop.displacement=3 um", "output.samples=60", "contact.shape=beads")
 
 
 # --- the front --------------------------------------------------------------------------------------------------------
@@ -72,59 +75,104 @@ def test_a_reference_without_force_is_refused():
 # --- the ladder -------------------------------------------------------------------------------------------------------
 
 
-def test_the_ladder_of_a_straight_bundle_ends_in_fine_slow_chains(tiny):
-    steps, reference = chart.ladder(load_scene(tiny))
+def test_the_ladder_of_a_straight_bundle_ends_in_fine_slow_capsules_with_beads_beside_them():
+    steps, reference = chart.ladder(load_scene("carbon-7"))
     names = [v.name for v in steps]
     assert names == [
         "section-0.05",
-        "chain-D-0.2",
-        "chain-D-0.1",
+        "chain-4D-0.2",
+        "chain-4D-0.1",
+        "chain-4D-0.05",
+        "chain-4D-0.025",
+        "chain-8D-0.05",
+        "chain-2D-0.05",
         "chain-D-0.05",
-        "chain-D-0.025",
-        "chain-D2-0.05",
-        "rod-D-0.05",
+        "rod-4D-0.05",
+        "chain-beads-D-0.05",
+        "chain-beads-D2-0.05",
     ]
-    assert reference.name == "chain-D2-0.0125" and reference.spacing == 0.5
-    alone, _ = chart.ladder(load_scene("carbon-7", ["assembly.count=1", "platens.stop.displacement=1 um"]))
+    assert (reference.name, reference.shape, reference.spacing) == ("chain-D-0.0125", "capsule", 1.0)
+    for v in (*steps, reference):
+        assert v.shape == ("" if v.level == "section" else "beads" if "beads" in v.name else "capsule")
+        plan = make_plan(load_scene("carbon-7", v.overrides))
+        assert (plan.level, plan.contact.shape == "capsule") == (v.level, v.shape == "capsule"), v.name
+        assert v.shape == "" or plan.spacing == pytest.approx(7 * v.spacing, rel=0.3), v.name
+
+
+def test_the_ladder_of_beads_ends_in_fine_slow_ones(tiny):
+    steps, reference = chart.ladder(load_scene(tiny, ["contact.shape=beads"]))
+    names = [v.name for v in steps]
+    assert names == [
+        "section-0.05",
+        "chain-beads-D-0.2",
+        "chain-beads-D-0.1",
+        "chain-beads-D-0.05",
+        "chain-beads-D-0.025",
+        "chain-beads-D2-0.05",
+        "rod-beads-D-0.05",
+    ]
+    assert reference.name == "chain-beads-D2-0.0125" and reference.spacing == 0.5
+    one = ["assembly.count=1", "platens.stop.displacement=1 um", "contact.shape=beads"]
+    alone, _ = chart.ladder(load_scene("carbon-7", one))
     assert {v.spacing for v in alone} == {0.0, 0.5, 1.0, 2.0, 4.0}
 
 
-def test_twisted_filaments_are_compared_with_rods_and_a_section_of_them_is_refused_with_its_reason(tiny, tmp_path):
+@pytest.mark.parametrize(
+    ("shape", "reference", "planner"),
+    [("beads", "rod-beads-D2-0.0125", "rod-beads-D-0.05"), ("capsule", "rod-D-0.0125", "planner")],
+)
+def test_twisted_filaments_are_compared_with_rods_and_a_section_of_them_is_refused_with_its_reason(
+    tiny, tmp_path, shape, reference, planner
+):
     """Twist and a section do not go together: left out, not run, with the scene's own reason."""
-    twisted = ("assembly.twist=5 turn/cm", "assembly.void_fraction=0.5", "platens.speed=auto")
+    twisted = ("assembly.twist=5 turn/cm", "assembly.void_fraction=0.5", "platens.speed=auto", f"contact.shape={shape}")
     work = chart._lay_out(tiny, twisted, ChartOptions(tmp_path / "x"))
-    assert work.reference.startswith("rod-D2") and work.planner == "rod-D-0.05"
-    [(name, reason)] = work.left_out
-    assert name == "section-0.05" and "assembly.twist" in reason
+    assert (work.reference, work.planner) == (reference, planner)
+    own = work.runs[work.planner][0].variant
+    assert (own.level, own.shape) == ("rod", shape) and own.spacing <= 4, "curved: shorter chords"
+    left_out = dict(work.left_out)
+    assert "assembly.twist" in left_out.pop("section-0.05")
+    # 8 D is more than a quarter of these short filaments
+    assert list(left_out) == (["chain-8D-0.05"] if shape == "capsule" else [])
     assert list(tmp_path.iterdir()) == []
 
 
-def test_accuracy_sets_the_speed_of_every_step_even_where_the_scene_asks_for_one(tiny, tmp_path):
-    work = chart._lay_out(tiny, (), ChartOptions(tmp_path / "x", seeds=1))
+@pytest.mark.parametrize(("shape", "name"), [("beads", "chain-beads-D"), ("capsule", "chain-4D")])
+def test_accuracy_sets_the_speed_of_every_step_even_where_the_scene_asks_for_one(tiny, tmp_path, shape, name):
+    asked = (f"contact.shape={shape}",)
+    work = chart._lay_out(tiny, asked, ChartOptions(tmp_path / "x", seeds=1))
     first = {name: runs[0].plan.motion.first for name, runs in work.runs.items()}
-    for fine, coarse in (("chain-D-0.1", "chain-D-0.2"), ("chain-D-0.025", "chain-D-0.1")):
-        ratio = float(fine.rpartition("-")[2]) / float(coarse.rpartition("-")[2])
-        assert first[fine] / first[coarse] == pytest.approx(ratio, rel=0.05)
+    for fine, coarse in ((0.1, 0.2), (0.025, 0.1)):
+        assert first[f"{name}-{fine}"] / first[f"{name}-{coarse}"] == pytest.approx(fine / coarse, rel=0.05)
     assert work.planner == "planner", "the scene asks for a speed of its own"
     assert all(not r.plan.motion.unload for r in work)
-    planned = chart._lay_out(tiny, ("platens.speed=auto",), ChartOptions(tmp_path / "x", seeds=1))
-    assert planned.planner == "chain-D-0.05" and "planner" not in planned.runs
+
+
+def test_the_planner_is_the_step_of_the_ladder_that_it_would_take(tiny, tmp_path):
+    planned = chart._lay_out(tiny, ("platens.speed=auto", "contact.shape=beads"), ChartOptions(tmp_path / "x", seeds=1))
+    assert planned.planner == "chain-beads-D-0.05" and "planner" not in planned.runs
+    long = ("platens.stop.displacement=14 um", "contact.shape=capsule")
+    planned = chart._lay_out("carbon-37", long, ChartOptions(tmp_path / "x", seeds=1))
+    assert planned.planner == "chain-4D-0.05" and "planner" not in planned.runs
 
 
 def test_starts_are_other_specimens_of_the_same_scene(tiny, tmp_path):
-    work = chart._lay_out(tiny, ("assembly.jitter=0 um",), ChartOptions(tmp_path / "x", seeds=3))
-    scenes = [r.scene.assembly for r in work.runs["chain-D-0.1"]]
+    work = chart._lay_out(tiny, ("assembly.jitter=0 um", "contact.shape=beads"), ChartOptions(tmp_path / "x", seeds=3))
+    scenes = [r.scene.assembly for r in work.runs["chain-beads-D-0.1"]]
     assert [s.seed for s in scenes] == [1, 2, 3] and all(0 < s.jitter < 0.1 for s in scenes)
     assert len(work.runs[work.reference]) == 1
     assert all(len(runs) == 3 for name, runs in work.runs.items() if name != work.reference)
 
 
-def test_what_costs_nearly_as_much_as_the_reference_has_one_start_as_well(tmp_path):
-    work = chart._lay_out("carbon-37", ("platens.stop.displacement=14 um",), ChartOptions(tmp_path / "x"))
+@pytest.mark.parametrize(("shape", "dear"), [("beads", "rod-beads-D-0.05"), ("capsule", "rod-4D-0.05")])
+def test_what_costs_nearly_as_much_as_the_reference_has_one_start_as_well(tmp_path, shape, dear):
+    pressed = ("platens.stop.displacement=14 um", f"contact.shape={shape}")
+    work = chart._lay_out("carbon-37", pressed, ChartOptions(tmp_path / "x"))
     cost = {name: runs[0].plan.predicted_seconds for name, runs in work.runs.items()}
     for name, runs in work.runs.items():
         assert len(runs) == (1 if cost[name] > max(20, cost[work.reference] / 4) else 3), name
-    assert len(work.runs["rod-D-0.05"]) == len(work.runs[work.reference]) == 1
+    assert len(work.runs[work.reference]) == 1 and dear in work.runs
+    assert {len(runs) for runs in work.runs.values()} == {1, 3}
     # the planner may take half of a symmetric assembly, the reference is all of it
     assert work.runs[work.planner][0].plan.beads.support == "symmetric"
     assert work.runs[work.reference][0].plan.beads.support == "simple"
@@ -147,7 +195,7 @@ def test_a_slower_platen_errs_less_on_one_filament_alone(tmp_path):
 @pytest.fixture(scope="module")
 def charted(tiny, tmp_path_factory):
     out = tmp_path_factory.mktemp("chart") / "tiny"
-    options = ChartOptions(out, seeds=2, reference_accuracy=0.1, only=("section-0.05", "chain-D-0.2"))
+    options = ChartOptions(out, seeds=2, reference_accuracy=0.1, only=("section-0.05", "chain-beads-D-0.2"))
     seen = []
     found = chart_scene(tiny, options, SHALLOW, lambda *state: seen.append(state))
     return found, options, seen
@@ -155,7 +203,7 @@ def charted(tiny, tmp_path_factory):
 
 def test_a_chart_leaves_tables_a_picture_and_its_runs(charted):
     found, options, seen = charted
-    assert [r.name for r in found.rows] == ["section-0.05", "chain-D-0.2", "chain-D2-0.1", "planner"]
+    assert [r.name for r in found.rows] == ["section-0.05", "chain-beads-D-0.2", "chain-beads-D2-0.1", "planner"]
     with (options.out / "chart.csv").open(newline="") as f:
         rows = list(csv.DictReader(f))
     columns = chart.table_of(found)
@@ -172,18 +220,34 @@ def test_a_chart_leaves_tables_a_picture_and_its_runs(charted):
     for row, r in zip(rows, found.rows, strict=True):
         assert float(row["cpu_s"]) == pytest.approx(r.cpu, rel=1e-4) and r.cpu_range[0] <= r.cpu <= r.cpu_range[1]
         assert row["error"] == "" if r.reference else float(row["error"]) == pytest.approx(r.error, rel=1e-4)
+    assert [row["contact"] for row in rows] == ["", "beads", "beads", "beads"]
     assert json.loads((options.out / "chart.json").read_text())["left_out"] == []
     assert (options.out / "chart.png").read_bytes().startswith(b"\x89PNG")
     assert not list((options.out / "runs").glob("*/*.png"))
     assert seen[-1][0] == pytest.approx(seen[-1][1])
 
 
+@pytest.mark.skipif(find_plugin(find_engine()) is None, reason="no plugin: filaments touch by beads alone")
+def test_capsules_are_charted_beside_beads(tiny, tmp_path):
+    only = ("chain-4D-0.2", "chain-beads-D-0.05")
+    options = ChartOptions(tmp_path / "x", seeds=1, reference_accuracy=0.1, only=only)
+    found = chart_scene(tiny, options, (*SHALLOW[:-1], "model.accuracy=0.2"))
+    assert [(r.name, r.shape) for r in found.rows] == [
+        ("chain-4D-0.2", "capsule"),
+        ("chain-beads-D-0.05", "beads"),
+        ("chain-D-0.1", "capsule"),
+        ("planner", "capsule"),
+    ]
+    assert all(0 < r.error < 0.5 for r in found.rows if not r.reference)
+    assert [p.level for p in chart.points_of(found)] == ["chain, capsule", "chain, beads", "chain, capsule"]
+
+
 def test_the_errors_of_a_chart_are_those_of_its_curves(charted):
     found, options, _ = charted
-    row = next(r for r in found.rows if r.name == "chain-D-0.2")
+    row = next(r for r in found.rows if r.name == "chain-beads-D-0.2")
     curve, reference = (
         store.read_results(options.out / "runs" / name / "results.h5").curve
-        for name in ("chain-D-0.2-1", "chain-D2-0.1-1")
+        for name in ("chain-beads-D-0.2-1", "chain-beads-D2-0.1-1")
     )
     at = found.displacements[1]
     ratio = np.interp(at, *chart.loading_of(curve)[::2]) / np.interp(at, *chart.loading_of(reference)[::2])
@@ -209,10 +273,10 @@ def test_going_on_runs_nothing_again_and_finishes_what_was_cut_short(charted, ti
     assert ran == [] and str(again.rows) == str(found.rows)  # nan is not itself
     # a run without its summary was cut short; one of another plan is of another version
     (out / "runs" / "section-0.05-2" / "summary.json").unlink()
-    plan = out / "runs" / "chain-D-0.2-1" / "plan.json"
+    plan = out / "runs" / "chain-beads-D-0.2-1" / "plan.json"
     plan.write_text(plan.read_text().replace('"level": "chain"', '"level": "fibre"'))
     chart_scene(tiny, ChartOptions(**{**vars(options), "out": out}), SHALLOW)
-    assert sorted(ran) == ["chain-D-0.2-1", "section-0.05-2"]
+    assert sorted(ran) == ["chain-beads-D-0.2-1", "section-0.05-2"]
 
 
 def test_another_scene_or_a_run_in_the_folder_is_refused(charted, tiny, tmp_path):
@@ -269,7 +333,7 @@ def test_a_variant_that_the_engine_gives_up_is_left_out_and_the_chart_is_drawn(t
         return run_scene(source, own, *arguments, **more)
 
     monkeypatch.setattr(chart, "run_scene", fails)
-    options = ChartOptions(tmp_path / "x", seeds=1, reference_accuracy=0.2, only=("section-0.05", "chain-D-0.2"))
+    options = ChartOptions(tmp_path / "x", seeds=1, reference_accuracy=0.2, only=("section-0.05", "chain-beads-D-0.2"))
     found = chart_scene(tiny, options, SHALLOW)
     assert found.left_out == (("section-0.05-1", "the engine stopped: Lost atoms"),)
     assert "section" not in {r.level for r in found.rows} and (options.out / "chart.png").exists()
@@ -277,22 +341,23 @@ def test_a_variant_that_the_engine_gives_up_is_left_out_and_the_chart_is_drawn(t
 
 def test_a_killed_chart_leaves_no_engine_and_goes_on(tiny, tmp_path):
     out = tmp_path / "chart"
-    arguments = ["chart", tiny, "--out", out, "--seeds", "1", "--only", "chain-D-0.2", "--reference-accuracy", "0.1"]
+    arguments = ["chart", tiny, "--out", out, "--seeds", "1"]
+    arguments += ["--only", "chain-beads-D-0.2", "--reference-accuracy", "0.1"]
     for override in (*SHALLOW, "platens.stop.displacement=4 um"):
         arguments += ["--set", override]
     command = cgfibre_command(*arguments)
     process = subprocess.Popen(
         command, env=cgfibre_environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     )
-    wait_for(lambda: engines_of(out) and (out / "runs" / "chain-D-0.2-1" / "summary.json").exists(), process)
+    wait_for(lambda: engines_of(out) and (out / "runs" / "chain-beads-D-0.2-1" / "summary.json").exists(), process)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     wait_for_none(out)
-    first = (out / "runs" / "chain-D-0.2-1" / "summary.json").stat().st_mtime_ns
+    first = (out / "runs" / "chain-beads-D-0.2-1" / "summary.json").stat().st_mtime_ns
     done = subprocess.run(command, env=cgfibre_environment(), capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert "chain-D-0.2" in done.stdout and "reference" in done.stdout and "planner" in done.stdout
-    assert (out / "runs" / "chain-D-0.2-1" / "summary.json").stat().st_mtime_ns == first, "ran again"
+    assert "chain-beads-D-0.2" in done.stdout and "reference" in done.stdout and "planner" in done.stdout
+    assert (out / "runs" / "chain-beads-D-0.2-1" / "summary.json").stat().st_mtime_ns == first, "ran again"
 
 
 # --- drawing ----------------------------------------------------------------------------------------------------------
