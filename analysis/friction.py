@@ -177,7 +177,7 @@ Base (0.22, 0.18, 0.16), +0.01 in one coefficient, rigid belt:
 
 {table_4_2}
 
-Model (i) was fitted by eye to (0.22, 0.18, 0.16) and got a smaller mu_s - mu_k; model (ii) needs mu_s0 = 0.24 on
+Model (i) was fitted by trial and error to (0.22, 0.18, 0.16) and got a smaller mu_s - mu_k; model (ii) needs mu_s0 = 0.24 on
 the pulley for the same signal. The closed form does not bear that out: the total knows the pulley's coefficient
 alone, so both models with the same triple give the same signal, and the fit of the experiment's features is the
 experiment's triple. Fitted to model (ii)'s total force, noise-free, `identify` gives the pulley's triple back:
