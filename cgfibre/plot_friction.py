@@ -237,7 +237,7 @@ def figure_capstan(view: CapstanView) -> Figure:
         ax.set_ylabel("Total tension ratio T2/T1")
         ax.set_title(view.title)
         ax.margins(x=0.01)
-        ax.legend(loc="center right")
+        ax.legend(loc="lower right")
     return fig
 
 
