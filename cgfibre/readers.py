@@ -24,6 +24,8 @@ FloatArray = npt.NDArray[np.float64]
 
 #: lines in which the first rows must lie
 HEAD = 400
+#: rows parsed at a time, a power of two so that means of consecutive rows never cross blocks
+BLOCK = 2**16
 #: (separator, decimal sign), the first of the best taken; "" is any white space
 _FORMS = (("\t", "."), ("\t", ","), (";", "."), (";", ","), (",", "."), ("", "."), ("", ","))
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
@@ -83,18 +85,23 @@ class Table:
         return self.values[:, column] * factor
 
 
-def read_table(path: Path) -> Table:
-    """The table of a text file; InputError (one line) for a file that is missing, empty, binary or no table."""
+def read_table(path: Path, most: int | None = None) -> Table:
+    """The table of a text file; InputError (one line) for a file that is missing, empty, binary or no table.
+
+    ``most`` as in :func:`parse_table`.
+    """
     try:
         with path.open(encoding="utf-8-sig", errors="replace", newline=None) as lines:
-            return parse_table(lines, path.name)
+            return parse_table(lines, path.name, most)
     except OSError as error:
         raise InputError("FILE", str(path), f"a file that can be read ({(error.strerror or 'no').lower()})") from None
 
 
-def parse_table(lines: Iterable[str], source: str) -> Table:
+def parse_table(lines: Iterable[str], source: str, most: int | None = None) -> Table:
     """The table of lines of text; rows stream through, so that memory holds the numbers and no text.
 
+    With ``most``, longer tables are folded while they are read: means of 2, 4, 8 ... consecutive rows, so that at most
+    twice as many are held and no more than ``most`` come out.
     Raises InputError: no rows, columns without a name that are not numbered, a row of another length, text or nan among
     the numbers (with its line).
     """
@@ -104,8 +111,29 @@ def parse_table(lines: Iterable[str], source: str) -> Table:
         raise InputError(source, "binary", "a text file of columns (CSV, TSV)")
     separator, decimal, first = _form(head, source)
     names, written, notes = _header(head[:first], separator, len(_fields(head[first], separator)))
-    values = _rows(itertools.chain(head[first:], stream), (separator, decimal), source, first + 1, len(names))
-    return Table(source, names, written, values, notes)
+    rows = _rows(itertools.chain(head[first:], stream), (separator, decimal), source, first + 1, len(names))
+    return Table(source, names, written, _folded(rows, most), notes)
+
+
+def _folded(rows: Iterator[list[float]], most: int | None) -> FloatArray:
+    """(n, columns) of all rows, or of means of consecutive ones, the last of fewer."""
+    parts: list[FloatArray] = []
+    factor, held = 1, 0
+    while block := list(itertools.islice(rows, BLOCK)):
+        parts.append(_means(np.array(block, dtype=np.float64), factor))
+        held += len(parts[-1])
+        while most is not None and held > most and factor < BLOCK:
+            parts, factor = [_means(np.concatenate(parts), 2)], 2 * factor
+            held = len(parts[0])
+    return np.concatenate(parts)
+
+
+def _means(values: FloatArray, factor: int) -> FloatArray:
+    if factor == 1:
+        return values
+    starts = np.arange(0, len(values), factor)
+    count = np.diff(np.append(starts, len(values)))
+    return np.asarray(np.add.reduceat(values, starts, axis=0) / count[:, None])
 
 
 def _fields(line: str, separator: str) -> list[str]:
@@ -192,27 +220,20 @@ def _split_unit(text: str) -> tuple[str, str]:
     return text, ""
 
 
-def _rows(lines: Iterable[str], form: tuple[str, str], source: str, first: int, columns: int) -> FloatArray:
-    """(n, columns) numbers; InputError names the first line that is no row."""
+def _rows(lines: Iterable[str], form: tuple[str, str], source: str, first: int, columns: int) -> Iterator[list[float]]:
+    """The rows of numbers; InputError names the first line that is none."""
     separator, decimal = form
-
-    def numbers() -> Iterator[list[float]]:
-        for number, line in enumerate(lines, start=first):
-            if not line.strip() or line.lstrip().startswith("#"):
-                continue
-            fields = _fields(line, separator)
-            if len(fields) != columns:
-                raise InputError(f"{source}, line {number}", line.strip()[:40], f"{columns} numbers, as above")
-            try:
-                row = [float(f.replace(",", ".") if decimal == "," else f) for f in fields]
-            except ValueError:
-                raise InputError(f"{source}, line {number}", line.strip()[:40], f"{columns} numbers") from None
-            if not all(map(math.isfinite, row)):
-                raise InputError(f"{source}, line {number}", line.strip()[:40], "finite numbers")
-            yield row
-
-    blocks = []
-    stream = numbers()
-    while block := list(itertools.islice(stream, 50_000)):
-        blocks.append(np.array(block, dtype=np.float64))
-    return np.concatenate(blocks)
+    for number, line in enumerate(lines, start=first):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        fields = _fields(line, separator)
+        shown = line.strip()[:40]
+        if len(fields) != columns:
+            raise InputError(f"{source}, line {number}", shown, f"{columns} numbers, as above")
+        try:
+            row = [float(f.replace(",", ".") if decimal == "," else f) for f in fields]
+        except ValueError:
+            raise InputError(f"{source}, line {number}", shown, f"{columns} numbers") from None
+        if not all(map(math.isfinite, row)):
+            raise InputError(f"{source}, line {number}", shown, "finite numbers")
+        yield row

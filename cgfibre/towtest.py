@@ -40,6 +40,8 @@ GAP = ("thickness", "gap", "height")
 DISPLACEMENT = ("displacement", "travel", "stroke", "extension", "crosshead", "position")
 FORCE = ("force", "load")
 WIDTH = ("width",)
+#: longer records are folded to means of consecutive rows
+MOST_SAMPLES = 20_000
 #: um along the tow, of the thesis' anvil
 ANVIL = 500.0
 #: names of header lines, and the units of bare numbers in them
@@ -157,7 +159,7 @@ def _check_out(options: TowOptions) -> None:
 
 
 def _specimen(path: Path, k: int, n: int, options: TowOptions) -> Specimen:
-    table = read_table(path)
+    table = read_table(path, MOST_SAMPLES)
     names = options.columns
     if names and len(names) not in (2, 3):
         raise InputError("--columns", ",".join(names), "displacement (or thickness), force and, if any, width")
