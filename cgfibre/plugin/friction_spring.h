@@ -36,10 +36,10 @@ inline bool pull(const FrictionSpring &c, const double *n, const double *slide, 
   }
   const bool slips = size2 > c.limit * c.limit;
   if (slips) {
-    const double shrink = c.kinetic / std::sqrt(size2);
+    const double shrink = c.kinetic / std::sqrt(size2), give = c.stiffness > 0.0 ? 1.0 / c.stiffness : 0.0;
     for (int d = 0; d < 3; d++) {
       T[d] *= shrink;
-      u[d] = c.stiffness > 0.0 ? -(T[d] + c.drag * slide[d]) / c.stiffness : 0.0;
+      u[d] = -give * (T[d] + c.drag * slide[d]);
     }
   }
   if (advance) {

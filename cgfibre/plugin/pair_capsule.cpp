@@ -248,6 +248,13 @@ void PairCapsule::find_pairs()
     for (int k = 0; k < HISTORY; k++) history.push_back(kept ? kept[k] : 0.0);
   });
   if (row >= 0) rows.push_back((int) partners.size());
+  // segments next to one another, where both have a place
+  std::vector<int> place_of(nall, -1);
+  for (size_t k = 0; k < segments.size(); k++) place_of[segments[k].first] = (int) k;
+  for (Segment &s : segments) {
+    s.back = s.previous >= 0 ? place_of[s.previous] : -1;
+    s.front = place_of[s.second];
+  }
   stale = false;
 }
 
@@ -290,30 +297,33 @@ void PairCapsule::place_segments()
   for (Segment &s : segments) {
     s.length = direction(s.first, s.second, s.t);
     s.inverse = s.length > 0.0 ? 1.0 / s.length : 0.0;
-    double other[3];
     for (int d = 0; d < 3; d++) {
       s.x[d] = x[s.first][d];
       s.y[d] = x[s.second][d];
       s.v[d] = v[s.first][d];
       s.dv[d] = v[s.second][d] - v[s.first][d];
-      s.before[d] = s.after[d] = s.t[d];
     }
-    if (s.previous >= 0 && direction(s.previous, s.first, other) > 0.0)
-      for (int d = 0; d < 3; d++) s.before[d] += other[d];
-    if (s.following >= 0 && direction(s.second, s.following, other) > 0.0)
-      for (int d = 0; d < 3; d++) s.after[d] += other[d];
+  }
+  // a neighbour that is in no pair has no place
+  for (Segment &s : segments) {
+    double there[3];
+    const auto plane = [&](int place, int from, int to, double *normal) {
+      const Segment *other = place >= 0 ? &segments[place] : nullptr;
+      const bool found = other ? other->length > 0.0 : from >= 0 && to >= 0 && direction(from, to, there) > 0.0;
+      const double *t = other ? other->t : there;
+      for (int d = 0; d < 3; d++) normal[d] = found ? s.t[d] + t[d] : s.t[d];
+    };
+    plane(s.back, s.previous, s.first, s.before);
+    plane(s.front, s.second, s.following, s.after);
   }
 }
 
-// Contact of segment A (lower molecule) with segment B. The squared distance of A's point at arc length s from B's axis is
-// a parabola in s, so the stretch in contact has closed limits.
-template <bool SPIN>
-bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &c, double *h, bool advance, bool energy,
-                        CapsuleContact &out, Load &load) const
+// Whether segment A (lower molecule) meets segment B, and where. The squared distance of A's point at arc length s from
+// B's axis is a parabola in s, so the stretch in contact has closed limits.
+inline bool PairCapsule::meet(const Segment &A, const Segment &B, Stretch &S)
 {
   const double D = A.radius + B.radius;
-  double lo = 0.0, hi = A.length;
-  double w[3], end[3], p0[3], m[3];
+  double w[3], end[3];
   for (int d = 0; d < 3; d++) {
     w[d] = A.x[d] - B.x[d];
     end[d] = A.x[d] - B.y[d];
@@ -321,48 +331,55 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
   // between B's end planes; most candidates end here, next to a neighbour's segment
   const double behind = dot(w, B.before), ahead = -dot(end, B.after);
   const double gain = dot(A.t, B.before), loss = -dot(A.t, B.after);
-  if ((behind < 0.0 && behind + gain * hi < 0.0) || (ahead < 0.0 && ahead + loss * hi < 0.0)) return false;
+  if ((behind < 0.0 && behind + gain * A.length < 0.0) || (ahead < 0.0 && ahead + loss * A.length < 0.0)) return false;
 
-  const double b = dot(A.t, B.t), e = dot(w, B.t);
+  S.b = dot(A.t, B.t);
+  S.e = dot(w, B.t);
   for (int d = 0; d < 3; d++) {
-    p0[d] = w[d] - e * B.t[d];
-    m[d] = A.t[d] - b * B.t[d];
+    S.p0[d] = w[d] - S.e * B.t[d];
+    S.m[d] = A.t[d] - S.b * B.t[d];
   }
-  // |p0 + s m|^2 = C + D^2 + 2 Q s + M s^2
-  const double C = dot(p0, p0) - D * D, Q = dot(p0, m), M = std::max(dot(m, m), 1e-14);
-  const double root2 = Q * Q - M * C;
+  S.C = dot(S.p0, S.p0) - D * D;
+  S.Q = dot(S.p0, S.m);
+  S.M = std::max(dot(S.m, S.m), 1e-14);
+  const double root2 = S.Q * S.Q - S.M * S.C;
   if (!(root2 > 0.0)) return false;
   const double root = std::sqrt(root2);
-  const double q = -(Q + (Q >= 0.0 ? root : -root));
-  const double s1 = q / M, s2 = C / q;
-  lo = std::max(lo, std::min(s1, s2));
-  hi = std::min(hi, std::max(s1, s2));
-  keep(behind, gain, true, lo, hi);
-  keep(ahead, loss, B.following < 0, lo, hi);
-  if (!(hi - lo > SLIVER * A.length)) return false;
+  const double q = -(S.Q + (S.Q >= 0.0 ? root : -root));
+  const double s1 = q / S.M, s2 = S.C / q;
+  S.lo = std::max(0.0, std::min(s1, s2));
+  S.hi = std::min(A.length, std::max(s1, s2));
+  keep(behind, gain, true, S.lo, S.hi);
+  keep(ahead, loss, B.following < 0, S.lo, S.hi);
+  return S.hi - S.lo > SLIVER * A.length;
+}
 
+// The forces of a stretch in contact.
+template <bool SPIN>
+void PairCapsule::press(const Segment &A, const Segment &B, const Stretch &S, const Coefficients &c, double *h, bool advance,
+                        bool energy, CapsuleContact &out, Load &load) const
+{
+  const double D = A.radius + B.radius, size = 0.5 * D;
+  const double lo = S.lo, hi = S.hi, b = S.b, e = S.e, C = S.C, Q = S.Q, M = S.M;
+  const double *p0 = S.p0, *m = S.m;
   const double half = 0.5 * (hi - lo), middle = 0.5 * (hi + lo);
-  const double size = 0.5 * D;
 
   // crossing at an angle: Hertz' ellipse as a lens of linear springs, see crossing_law.h
   double share = 1.0, lens_stiffness = 0.0;
   const double nearest = std::min(hi, std::max(lo, -Q / M));
-  const double deepest = D - std::sqrt(std::max(0.0, C + D * D + nearest * (2 * Q + nearest * M)));
+  const double lens2 = -(C + nearest * (2 * Q + nearest * M));    // D^2 less the least distance squared
   const double harmonic = 2 * A.radius * B.radius / D;
-  if (c.law.kind() == NormalLaw::LINE && deepest > 0.0 &&
-      deepest * (2 * D - deepest) < M * LONG_LENS * LONG_LENS * harmonic * harmonic) {
-    const double lens = std::sqrt(deepest * (2 * D - deepest) / M);    // half width, of the whole lens
-    share = line_share(lens / harmonic);
+  if (c.law.kind() == NormalLaw::LINE && lens2 > 0.0 && lens2 < M * LONG_LENS * LONG_LENS * harmonic * harmonic) {
+    share = line_share(std::sqrt(lens2 / M) / harmonic);    // by the half width of the whole lens
     // Hertz' force over the lens' area, with the powers of a vanishing overlap taken out of it
-    const double lens2 = deepest * (2 * D - deepest), open = 2 * D - deepest;
+    const double open = D + std::sqrt(std::max(0.0, D * D - lens2));
     lens_stiffness = 0.75 * c.law.modulus() * std::sqrt(harmonic * M / (open * open * open)) *
         hertz_shape(M * harmonic * harmonic / (A.radius * B.radius)) * (D + std::sqrt(D * D - 2.0 / 3.0 * lens2));
   }
 
   double sum = 0.0, stiffness = 0.0, at = 0.0, n[3] = {0.0, 0.0, 0.0};
+  double onA[3] = {0.0, 0.0, 0.0}, onB[3] = {0.0, 0.0, 0.0};    // part of n on the second beads
   double least = D;
-  memset(load.force, 0, sizeof load.force);
-  if (SPIN) memset(load.torque, 0, sizeof load.torque);
   for (int g = 0; g < 2; g++) {
     const double s = middle + (g ? GAUSS : -GAUSS) * half, along = e + b * s;
     double way[3], distance2 = 0.0;
@@ -371,9 +388,10 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
       distance2 += way[d] * way[d];
     }
     const double distance = std::sqrt(distance2);
-    if (distance > 1e-12 * D)
-      for (int d = 0; d < 3; d++) way[d] /= distance;
-    else
+    if (distance > 1e-12 * D) {
+      const double inverse = 1.0 / distance;
+      for (int d = 0; d < 3; d++) way[d] *= inverse;
+    } else
       across(A.t, B.t, way);
     const double overlap = D - distance;
     least = std::min(least, distance);
@@ -394,13 +412,18 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
     for (int d = 0; d < 3; d++) {
       const double F = f * way[d];
       n[d] += F;
-      load.force[0][d] += (1.0 - xi) * F;
-      load.force[1][d] += xi * F;
-      load.force[2][d] -= (1.0 - eta) * F;
-      load.force[3][d] -= eta * F;
+      onA[d] += xi * F;
+      onB[d] += eta * F;
     }
   }
 
+  for (int d = 0; d < 3; d++) {
+    load.force[0][d] = n[d] - onA[d];
+    load.force[1][d] = onA[d];
+    load.force[2][d] = onB[d] - n[d];
+    load.force[3][d] = -onB[d];
+  }
+  if (SPIN) memset(load.torque, 0, sizeof load.torque);
   out.normal = sum;
   out.length = hi - lo;
   out.distance = least;
@@ -409,7 +432,8 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
   for (int d = 0; d < 3; d++) out.friction[d] = 0.0;
   const double push = std::sqrt(dot(n, n));
   if (push > 0.0) {
-    for (int d = 0; d < 3; d++) n[d] /= push;
+    const double unit = 1.0 / push;
+    for (int d = 0; d < 3; d++) n[d] *= unit;
     const double s = at / sum, along = e + b * s;
     const double xi = s * A.inverse, eta = along * B.inverse;
     // from the axes to the point where the surfaces touch, along the line between them: it takes no angular momentum
@@ -497,7 +521,6 @@ bool PairCapsule::touch(const Segment &A, const Segment &B, const Coefficients &
     }
   }
   for (int d = 0; d < 3; d++) out.force[d] = load.force[0][d] + load.force[1][d];
-  return true;
 }
 
 // A stretch that begins on the next segment of a filament goes on with the spring of the stretch before it: what has slid
@@ -531,16 +554,16 @@ template <bool SPIN> void PairCapsule::add_forces()
   const bool advance = !update->setupflag, energy = eflag_either;
   double touching = 0.0, length = 0.0, closest = NONE_CLOSE;
   CapsuleContact contact;
+  Stretch stretch;
   Load load;
   for (size_t m = 0; m < masters.size(); m++) {
     const Segment &A = segments[masters[m]];
     lost.clear();
     for (int k = rows[m]; k < rows[m + 1]; k++) {
       const Segment &B = segments[partners[k]];
-      const Coefficients &c = of_types(type[A.first], type[B.first]);
       double *h = &history[(size_t) k * HISTORY];
       const bool fresh = h[0] == 0.0 && h[1] == 0.0 && h[2] == 0.0;
-      if (!touch<SPIN>(A, B, c, h, advance, energy, contact, load)) {
+      if (!meet(A, B, stretch)) {
         if (advance && !fresh) {
           lost.push_back({partners[k], {}});
           std::copy(h, h + HISTORY, lost.back().history);
@@ -548,8 +571,10 @@ template <bool SPIN> void PairCapsule::add_forces()
         }
         continue;
       }
+      const Coefficients &c = of_types(type[A.first], type[B.first]);
+      press<SPIN>(A, B, stretch, c, h, advance, energy, contact, load);
       if (advance && fresh && contact.normal > 0.0 && inherit(m, k))
-        touch<SPIN>(A, B, c, h, advance, energy, contact, load);
+        press<SPIN>(A, B, stretch, c, h, advance, energy, contact, load);
       const int beads[4] = {A.first, A.second, B.first, B.second};
       for (int n = 0; n < 4; n++) {
         double *F = f[beads[n]];
@@ -645,10 +670,15 @@ bool PairCapsule::look(int m, int k, CapsuleContact &contact)
   const Segment &one = segments[masters[m]], &other = segments[partners[k]];
   double kept[HISTORY];
   std::copy(&history[(size_t) k * HISTORY], &history[(size_t) (k + 1) * HISTORY], kept);
+  Stretch stretch;
   Load load;
+  if (!meet(one, other, stretch)) return false;
   const Coefficients &c = of_types(atom->type[one.first], atom->type[other.first]);
-  return spin ? touch<true>(one, other, c, kept, false, true, contact, load)
-              : touch<false>(one, other, c, kept, false, true, contact, load);
+  if (spin)
+    press<true>(one, other, stretch, c, kept, false, true, contact, load);
+  else
+    press<false>(one, other, stretch, c, kept, false, true, contact, load);
+  return true;
 }
 
 double PairCapsule::memory_usage()

@@ -74,7 +74,11 @@ class PairCapsule : public LAMMPS_NS::Pair, public HistoryOwner {
     double x[3], y[3], t[3], length, inverse, radius;    // first and second bead, from the one to the other
     double v[3], dv[3];           // velocity at the first bead, and from the first to the second
     double before[3], after[3];   // normals of the planes at its ends
-    int first, second, previous, following;
+    int first, second, previous, following;    // beads, -1: none
+    int back, front;    // places of the segments before and behind, -1: not here
+  };
+  struct Stretch {    // of A in contact: |p0 + s m|^2 = C + D^2 + 2 Q s + M s^2 from B's axis, lo < s < hi
+    double p0[3], m[3], b, e, C, Q, M, lo, hi;
   };
   struct Load {    // on the four beads, and couples for rods
     double force[4][3], torque[4][3];
@@ -110,8 +114,10 @@ class PairCapsule : public LAMMPS_NS::Pair, public HistoryOwner {
   void allocate();
   void find_pairs();
   void place_segments();
+  static bool meet(const Segment &, const Segment &, Stretch &);
   template <bool SPIN>
-  bool touch(const Segment &, const Segment &, const Coefficients &, double *, bool, bool, CapsuleContact &, Load &) const;
+  void press(const Segment &, const Segment &, const Stretch &, const Coefficients &, double *, bool, bool, CapsuleContact &,
+             Load &) const;
   bool inherit(std::size_t, int);
   template <bool SPIN> void add_forces();
   bool look(int, int, CapsuleContact &);
