@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from capsule_bench import Box, forces_on
 
+from cgfibre.cases import capsule_motion, experiment
 from cgfibre.cases import capsule_ranks as ranks
-from cgfibre.cases import experiment
 from cgfibre.engine.lammps import find_engine
 from cgfibre.engine.plugin import Build, build_plugin, sanitized
 
@@ -217,6 +217,19 @@ def test_every_contact_is_found_once(tmp_path, periodic, n):
         # sampled at 400 points of a segment of 100 um at most: three steps
         assert abs(got.get(pair, 0.0) - expected.get(pair, 0.0)) < 0.8, (pair, got.get(pair), expected.get(pair))
     assert np.all(np.abs(found.forces.sum(axis=0)) < 1e-12 * np.max(np.abs(found.forces)) * len(found.forces))
+
+
+# --- convergence -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.validate
+@pytest.mark.parametrize("count", [7, 19])
+def test_thickness_converges_with_the_spacing(tmp_path, count):
+    """At the planner's longest segment, 4 D, within 1 % of what segments of D give; 8 D within 3 %."""
+    forces = np.array([0.2e6, 0.4e6, 0.8e6, 1.6e6])
+    of = {s: capsule_motion.thickness_at(tmp_path / f"{s:g}", s, forces, count) for s in (8.0, 4.0, 2.0, 1.0)}
+    error = {s: np.abs(of[s] / of[1.0] - 1) for s in of}
+    assert np.all(error[2.0] < 0.005) and np.all(error[4.0] < 0.01) and np.all(error[8.0] < 0.03)
 
 
 # --- memory ----------------------------------------------------------------------------------------------------------

@@ -41,7 +41,13 @@ def test_every_level_and_every_case_of_the_issue_is_there():
         assert word in names
     for word in ("torsion", "helix", "curved rest", "capstan", "along", "across", "groove", "line contact", "crossing"):
         assert word in names
-    assert {level for case in suite.CASES for level in case.levels} == {"chain", "rod", "section"}
+    assert {level for case in suite.CASES for level in case.levels} == {
+        "chain",
+        "rod",
+        "section",
+        "chain, capsules",
+        "rod, capsules",
+    }
 
 
 # --- the closed forms of the cases themselves ------------------------------------------------------------------------

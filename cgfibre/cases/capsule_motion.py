@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from cgfibre.build.system import FloatArray
 from cgfibre.cases.capsule import HELD, UPPER, crossing_force, line_law, posed, sampled_force, segments_for, straight
-from cgfibre.cases.experiment import Measured, moved, run
+from cgfibre.cases.experiment import Measured, moved, planned, run
 from cgfibre.cases.rods import AWAY, D
 from cgfibre.cases.touching import crossing_barrier
 
@@ -54,9 +54,10 @@ def pushed_across(folder: Path, level: str, spacing: float, times: float = 2.0) 
         **(AWAY | {"drag": math.sqrt(plan.contact.kn * D * plan.beads.mass[1])}),
     )
     z = out.rows("probe.txt")[:, 1]
+    cuts = [(k + 0.5) * spacing * D for k in range(-n // 2, n // 2)]
     exact, stated = (
         float(brentq(lambda d, of=of: of(d) - force, 0.01 * D, 0.54 * D))
-        for of in (lambda d: crossing_force(d, 90.0), lambda d: sampled_force(d, 90.0, ()))
+        for of in (lambda d: crossing_force(d, 90.0), lambda d: sampled_force(d, 90.0, cuts))
     )
     gap, own = D - exact, D - stated
     case = f"pushed across by {times:g} times the beads' barrier"
@@ -163,3 +164,31 @@ def energy_drift(folder: Path, level: str, spacing: float, angle: float = 60.0, 
         Measured(case, level, spacing, "drift", "1", drift, 0.0, out.time.cpu),
         Measured(case, level, spacing, "scatter of energy", "1", swing, 0.0, 0.0),
     ]
+
+
+def thickness_at(folder: Path, spacing: float, forces: FloatArray, count: int = 7, seed: int = 1) -> FloatArray:
+    """Thickness, um, of a bundle of ``count`` filaments of 80 D pressed at 0.2 m/s, when the platen's force first
+    reaches each of ``forces`` nN; chains of segments of ``spacing`` D, contacts real, EA softened alike at every
+    spacing."""
+    plan, system = planned(
+        {
+            "model.level": "chain, capsules",
+            "model.spacing": f"{spacing * D} um",
+            "model.axial_softening": 10.0,
+            "assembly.count": count,
+            "assembly.length": f"{80 * D} um",
+            "assembly.jitter": "0.3 um",
+            "assembly.seed": seed,
+            "platens.width": f"{48 * D} um",
+            "platens.friction": 0.3,
+            "platens.stop": {"displacement": "8 um"},
+            "contact.softening": 1.0,
+        }
+    )
+    way, rows = 8.0, 100
+    steps = math.ceil(way / 0.2 / plan.timestep / rows / 20) * rows * 20
+    out = run(folder, system, moved(plan, way / steps / plan.timestep, steps, sample=steps // rows))
+    shift, force = out.record.mean["displacement"], np.maximum.accumulate(out.record.mean["top_force"])
+    if force[-1] < np.max(forces):
+        raise RuntimeError(f"the bundle carried {force[-1]:.4g} nN")
+    return plan.height - np.interp(forces, force, shift)
