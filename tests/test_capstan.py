@@ -178,7 +178,7 @@ def two_seconds(seed, law=LAW, begin=0.0, noise=0.02):
     return t[t > begin] * 1e6, f[t > begin]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("true", [(0.22, 0.18, 0.16), (0.22, 0.16, 0.15), (0.45, 0.38, 0.36)])
 def test_coefficients_are_found_within_the_bar(seed, true):
     """2 % noise: identifiable coefficients within 0.005."""
@@ -201,9 +201,10 @@ def test_what_the_data_do_not_tell_is_reported_so(seed):
             assert found[name].identifiable and found[name].value == pytest.approx(TRUE[name], abs=0.005)
 
 
+@pytest.mark.validate
 def test_errors_are_as_large_as_they_say():
     off = []
-    for seed in range(8):
+    for seed in range(20):
         t, f = two_seconds(seed)
         found = idn.identify(t[::2], f[::2], RIG, LAW)
         off.append([(e.value - TRUE[e.name]) / e.error for e in found.estimates])
