@@ -34,11 +34,12 @@ CONDITIONS = [Conditions(*c) for c in ((1.5, 0.26, 10), (1.5, 0.55, 10), (6, 0.3
 SEEDS = range(5)
 
 
-def shrink(picture: Path, target: Path, width: int = 1300) -> None:
-    """A copy of ``width`` pixels at most and 128 colours, for the repository."""
+def shrink(picture: Path, target: Path, width: int = 1300, photograph: bool = False) -> None:
+    """A copy of ``width`` pixels at most, for the repository; of a photograph 256 colours do."""
     with Image.open(picture) as image:
         size = min(width, image.width), round(image.height * min(width, image.width) / image.width)
-        image.convert("RGB").resize(size, Image.Resampling.LANCZOS).quantize(128).save(target, optimize=True)
+        small = image.convert("RGB").resize(size, Image.Resampling.LANCZOS)
+        (small.quantize(256) if photograph else small).save(target, optimize=True)
 
 
 def micrographs(work: Path) -> None:
@@ -51,7 +52,7 @@ def micrographs(work: Path) -> None:
     options = micrograph.MicrographOptions(out, pixels_per_um=5.86, diameter=UM)
     found = micrograph.read_micrograph(work / "tow.png", options)
     print("\n".join(micrograph.report_lines(found)))
-    shrink(out / "overlay.png", FIGURES / "micrograph-overlay.png", 760)
+    shrink(out / "overlay.png", FIGURES / "micrograph-overlay.png", 760, photograph=True)
     shrink(out / "statistics.png", FIGURES / "micrograph-statistics.png")
     height = float(np.ptp(found.centres[:, 1])) + UM
     run = run_scene(out / "scene.toml", RunOptions(work / "run"), [f"platens.stop.thickness={0.6 * height:.4g} um"])
