@@ -1,7 +1,8 @@
 """docs/planner.md: what the planner promised for twelve scenes beside what they took and how far they were off.
 
 Every scene runs as planned and once more as a reference: four times slower, on all of the assembly (no symmetry), with
-real contacts, small bundles with segments of one diameter, sections at level chain. Finished runs are kept and not run again.
+real contacts, small bundles with segments of one diameter, sections at level chain. Finished runs are kept and not run
+again.
 
 python analysis/planner_scenes.py [--out DIR] [--only NAME,...]
 """
@@ -110,8 +111,8 @@ def table(rows: list[dict[str, object]]) -> str:
         "",
         "Written by `python analysis/planner_scenes.py`. Every scene was run as planned (loading alone, accuracy 0.05",
         "unless its plan says otherwise) and once more as a reference: four times slower, without symmetry, with",
-        "real contacts, the smallest with segments of one diameter; sections against level chain. Error: mean of |F/F_ref - 1| from the",
-        "quasi-static start to the stop. Time: processor seconds of the engine on one core.",
+        "real contacts, the smallest with segments of one diameter; sections against level chain. Error: mean of",
+        "|F/F_ref - 1| from the quasi-static start to the stop. Time: processor seconds of the engine on one core.",
         "",
         f"True error below the promised one: {kept} of {len(rows)}. Time within a factor 1.5: {timed} of {len(rows)}.",
         "",

@@ -8,7 +8,7 @@ label, 150 dots per inch. Figures are made without pyplot: no display is needed 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Protocol
@@ -160,6 +160,28 @@ def plot_curve(ax: Axes, curve: Curve, view: CurveView | None = None, label: str
             ax.axhline(0, color=INK, lw=0.9)
         if view.x == "thickness" and not ax.xaxis_inverted():
             ax.invert_xaxis()
+        ax.margins(x=0.01)
+        ax.legend(loc="best")
+    return ax
+
+
+def plot_loadings(ax: Axes, curves: Mapping[str, Curve]) -> Axes:
+    """Force of the top platen (full) and of the bottom one (broken) against displacement while loading, a colour a run.
+
+    ``curves`` by the name of each run in the legend.
+    """
+    highest = np.concatenate([c["force_top_N"][c.loading] for c in curves.values()])
+    factor, unit = _prefix(highest, "N")
+    with style():
+        for (name, curve), colour in zip(curves.items(), (BLUE, VERMILION, *shades(len(curves))), strict=False):
+            d = curve["displacement_um"][curve.loading]
+            ax.plot(d, curve["force_top_N"][curve.loading] * factor, color=colour, label=name)
+            bottom = curve["force_bottom_N"][curve.loading] * factor
+            ax.plot(d, bottom, color=colour, ls=(0, (4, 1.6)), lw=1.4)
+        ax.plot([], [], color=GREY, ls=(0, (4, 1.6)), lw=1.4, label="bottom platen")
+        ax.axhline(0, color=INK, lw=0.9)
+        ax.set_xlabel("Platen displacement (µm)")
+        ax.set_ylabel(f"Force on the platen ({unit})")
         ax.margins(x=0.01)
         ax.legend(loc="best")
     return ax
