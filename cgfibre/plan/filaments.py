@@ -135,6 +135,9 @@ def line_softening(scene: Scene, out: Outline) -> Choice:
     asked, d = scene.contact.softening, scene.filament.diameter
     if asked != "auto":
         return Choice("contact softening", f"{asked:g}", "as asked in the scene")
+    if out.displacement > out.column_gaps():
+        reason = "real contacts: filaments that stand one above the other are squeezed between the platens"
+        return Choice("contact softening", "1", reason)
     lo, hi = platen_span(scene)
     columns = math.sqrt(len(out.centres))
     load = CONCENTRATION * out.bending_force(scene, out.displacement) / ((hi - lo) * columns)
