@@ -3,9 +3,10 @@
 python analysis/bench_run.py [PART ...] [--ranks 1,2] [--only CASE,...] [--contact capsule,beads] [--most SECONDS]
 
 Parts: contact (default), capsules beside beads on the bundles of the charts, loading alone; levels, a few micrometres
-at every level. Seconds are those of the processors, all ranks together, which other work on the machine hardly touches;
-the loaded state is the last fifth of the steps. A run that the plan takes for dearer than --most seconds is cut short,
-and its seconds are carried to the whole by the steps: marked >, as steps under load take longer than those before.
+at every level. Seconds are those of the processors, all ranks together; other work on the machine lengthens them (by a
+third was seen), far less than time on the clock. The loaded state is the last fifth of the steps. A run that the plan
+takes for dearer than --most seconds is cut short, and its seconds are carried to the whole by the steps: marked >, as
+steps under load take longer than those before.
 """
 
 from __future__ import annotations
@@ -109,8 +110,8 @@ def run_case(scene: str, depth: float, overrides: Sequence[str], ranks: int, mos
 
 
 HEAD = (
-    f"{'nodes':>6s} {'steps':>8s} {'CPU s':>8s} {'M/s/core':>8s} {'loaded':>8s} {'MiB':>6s} "
-    f"{'plan s':>7s} {'run, um':>7s}"
+    f"{'nodes':>6s} {'steps':>8s} {'CPU s':>8s} {'M/s/core':>8s} {'loaded':>8s} {'MiB':>6s} {'plan s':>7s} "
+    f"{'run, um':>7s}"
 )
 
 
