@@ -130,17 +130,19 @@ def plan_contact(scene: Scene, law: str, length: float, mass: float, softening: 
     return ContactPlan(pair, wall, float(damping_coefficient(zeta, wall, mass)), tangent, wall)
 
 
-def plan_capsule(scene: Scene, law: str, spacing: float, mass_per_length: float, softening: float) -> ContactPlan:
+def plan_capsule(
+    scene: Scene, law: str, spacing: float, mass_per_length: float, softening: float, squeeze: float = 0.0
+) -> ContactPlan:
     """Constants of contact along segments ``spacing`` um long of filaments that weigh ``mass_per_length`` pg/um.
 
-    line: the line contact itself, E* / softening, its tangent at ``contact.line_load`` bounds the time step. hooke: the
-    secant k'/softening there.
+    line: the line contact itself, E* / softening; its tangent at ``contact.line_load``, or at the line load of a
+    ``squeeze`` nN/um if that is more, bounds the time step. hooke: the secant k'/softening.
     """
     between, on_platen = line_contacts(scene)
     load, zeta = scene.contact.line_load, damping_ratio(scene, CAPSULE_DAMPING)
     real, wall = (float(c.secant_stiffness(load)) for c in (between, on_platen))
     tangent, wall_tangent = (
-        (float(c.tangent_stiffness(load)) if law == "line" else float(c.secant_stiffness(load))) / softening
+        float(c.tangent_stiffness(max(load, squeeze)) if law == "line" else c.secant_stiffness(load)) / softening
         for c in (between, on_platen)
     )
     pair = Contact(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.optimize import brentq
 
 from cgfibre.build.system import FilamentType
 from cgfibre.mechanics import rod
@@ -126,6 +127,25 @@ def _spacing(scene: Scene, level: str, far_field: str, shape: str, out: Outline)
     )
 
 
+def squeeze_load(scene: Scene, out: Outline) -> float:
+    """Line load of a column of filaments pressed by more than its gaps, nN/um; 0 where none is.
+
+    Contacts and platens in a row take up the rest of the displacement, s = (n - 1) delta(f) + 2 delta_platen(f). No
+    more than what the law takes up to its straight continuation.
+    """
+    gaps, count = out.column()
+    squeeze = out.displacement - gaps
+    if squeeze <= 0:
+        return 0.0
+    between, on_platen = line_contacts(scene)
+    most = min(float(c.line_load(c.log_radius**2 / (2 * c.radius))) for c in (between, on_platen))
+
+    def short(load: float) -> float:
+        return (count - 1) * float(between.approach(load)) + 2 * float(on_platen.approach(load)) - squeeze
+
+    return most if short(most) <= 0 else float(brentq(short, 0.0, most))
+
+
 def line_softening(scene: Scene, out: Outline) -> Choice:
     """Line contacts may be softened as far as the overlap stays small under the load to expect.
 
@@ -135,7 +155,7 @@ def line_softening(scene: Scene, out: Outline) -> Choice:
     asked, d = scene.contact.softening, scene.filament.diameter
     if asked != "auto":
         return Choice("contact softening", f"{asked:g}", "as asked in the scene")
-    if out.displacement > out.column_gaps():
+    if out.displacement > out.column()[0]:
         reason = "real contacts: filaments that stand one above the other are squeezed between the platens"
         return Choice("contact softening", "1", reason)
     lo, hi = platen_span(scene)
@@ -216,7 +236,7 @@ def plan_filaments(scene: Scene, out: Outline, level: str, choices: list[Choice]
     bead = float(np.max(np.diff(stations[under]))) if under.sum() > 1 else spacing
     mass = bead * f.mass_per_length
     if capsule:
-        contact = plan_capsule(scene, law, bead, f.mass_per_length, float(softening.value))
+        contact = plan_capsule(scene, law, bead, f.mass_per_length, float(softening.value), squeeze_load(scene, out))
     else:
         contact = plan_contact(scene, law, bead, mass, float(softening.value))
     beads, limit = finish_beads(scene, f, level, layout, float(axial.value), contact)

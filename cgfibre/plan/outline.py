@@ -40,20 +40,21 @@ class Outline:
         )
         return float(force)
 
-    def column_gaps(self) -> float:
-        """Sum of the gaps in the column of filaments that leads from top to bottom, um; inf where there is none.
+    def column(self) -> tuple[float, int]:
+        """(sum of the gaps um, number of filaments) of the column that leads from top to bottom; (inf, 0): none does.
 
         Filaments within a tenth of a diameter of a common vertical stand one above the other: pressed by more than
         their gaps they are squeezed, however softly the rest would bend out of the way. One alone is such a column.
         """
         d = self.filament.diameter
         y, z = self.centres.T
-        gaps = math.inf
+        found = (math.inf, 0)
         for top in np.flatnonzero(z > z.max() - 0.1 * d):
             column = np.abs(y - y[top]) < 0.1 * d
             if z[column].min() < z.min() + 0.1 * d and np.max(np.diff(np.sort(z[column])), initial=0.0) < 2 * d:
-                gaps = min(gaps, self.height - d * int(np.sum(column)))
-        return gaps
+                count = int(np.sum(column))
+                found = min(found, (self.height - d * count, count))
+        return found
 
     def radius(self) -> float:
         """Largest distance of a centre from the middle, um."""
