@@ -201,7 +201,8 @@ def test_shipped_scenes_load_and_say_what_they_are(name):
     assert s.model.level == ("section" if name.endswith("-section") else "auto")
     count = {"12k": 11719}.get(name.split("-")[1]) or int(name.split("-")[1])
     assert s.assembly.count == count
-    assert s.assembly.length == (345_000.0 if name == "carbon-37-full-length" else 700.0)
+    length = {"carbon-37-full-length": 345_000.0, "carbon-12k-3d": 1100.0}
+    assert s.assembly.length == length.get(name, 700.0)
 
 
 def test_shipped_scenes_are_pressed_to_about_half_their_height():
