@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from cgfibre import plot_friction, store
 from cgfibre.errors import InputError
-from cgfibre.instrument import Wanted, read_record
 from cgfibre.measure.signal import (
     Branch,
     Mean,
@@ -29,6 +28,7 @@ from cgfibre.measure.signal import (
 from cgfibre.measure.spectrum import LEAST, Spectra, all_spectra, peak_frequency
 from cgfibre.mechanics.belt import loop_friction
 from cgfibre.plot_friction import SignalView
+from cgfibre.readers import Wanted, read_record
 from cgfibre.tow_friction import TowFriction, tow_friction
 from cgfibre.units import describe, parse
 

@@ -195,7 +195,9 @@ def _specimen(path: Path, k: int, n: int, options: TowOptions) -> Specimen:
 
 def _displacement(table: Table, names: tuple[str, ...]) -> tuple[bool, FloatArray]:
     """(whether it is a gap that closes, values um)."""
-    column = table.index(names[0], "--columns") if names else table.find((*DISPLACEMENT, *GAP))
+    column = table.index(names[0], "--columns") if names else table.find(DISPLACEMENT)
+    if column is None:
+        column = table.find(GAP)
     if column is None:
         raise InputError(table.source, table.listed, "a column of displacement or thickness; name it with --columns")
     name = table.names[column].lower()

@@ -15,7 +15,7 @@ MODULES = {
 LAYERS = [
     {"errors"},
     {"units"},
-    {"materials", "readers", "tow_friction", "instrument"},
+    {"materials", "readers", "tow_friction"},
     {"build.system", "mechanics"},
     {"record"},
     {"scene", "build"},

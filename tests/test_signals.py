@@ -12,7 +12,7 @@ from friction_signals import FREQUENCY, T1, WRAP, stick_slip_signal
 
 from cgfibre.cli import main
 from cgfibre.errors import InputError
-from cgfibre.instrument import Wanted, read_record
+from cgfibre.readers import Wanted, read_record
 from cgfibre.signals import DISPLACEMENT, FORCE, TIME, SignalOptions, analyse_signals
 
 COLUMNS = (TIME, DISPLACEMENT, FORCE)

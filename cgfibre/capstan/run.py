@@ -30,13 +30,13 @@ from cgfibre.engine.capstan import Rig, run_belt
 from cgfibre.engine.capstan_dynamic import DynamicRun, Pull, run_dynamic
 from cgfibre.engine.lammps import find_engine
 from cgfibre.errors import InputError
-from cgfibre.instrument import read_record
 from cgfibre.measure.signal import TestRig
 from cgfibre.measure.spectrum import LEAST, dominant_lines
 from cgfibre.mechanics.belt import polygon_ratio, tension_ratio
 from cgfibre.mechanics.rod import circle_area
 from cgfibre.mechanics.stick_slip import Slider
 from cgfibre.plot_friction import CapstanView, WrapView
+from cgfibre.readers import read_record
 from cgfibre.scene import NOT_GIVEN
 from cgfibre.signals import DISPLACEMENT, FORCE, TIME
 
