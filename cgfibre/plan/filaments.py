@@ -23,6 +23,7 @@ from cgfibre.scene import Scene
 #: background drag rate over the lowest natural frequency; 1.0 raised the force of carbon-37 by 12 %
 DRAG = 0.05
 MAX_AXIAL_SOFTENING = 30.0
+STRETCH_SHARE = 0.1
 #: largest strain that the end load may cause in softened filaments
 END_STRAIN = 2e-3
 #: rods also swing in twist: at the gain of chains a twisted bundle had 6 % of the work as kinetic energy
@@ -49,8 +50,14 @@ LAWS = {
 }
 
 
-def axial_softening(scene: Scene, level: str, spacing: float, filament: FilamentType) -> Choice:
-    """EA may be softened until stretching is no stiffer than bending: that is what the step would wait for."""
+def axial_softening(
+    scene: Scene, level: str, spacing: float, filament: FilamentType, touching: float = math.inf
+) -> Choice:
+    """EA may be softened until stretching is no stiffer than bending: that is what the step would wait for.
+
+    Where contacts hold the step (``touching``: their bound of a bead, nN/um), softening to STRETCH_SHARE of them is
+    enough: more of it would only let filaments stretch.
+    """
     asked = scene.model.axial_softening
     if asked != "auto":
         return Choice("axial softening", f"{asked:g}", "as asked in the scene")
@@ -60,11 +67,13 @@ def axial_softening(scene: Scene, level: str, spacing: float, filament: Filament
     balance = filament.EA * spacing**2 / (4 * filament.EI)
     strain = scene.ends.tension / filament.EA
     cap = MAX_AXIAL_SOFTENING if strain == 0 else min(MAX_AXIAL_SOFTENING, END_STRAIN / strain)
-    value = max(1.0, min(balance, cap))
+    held = 4 * filament.EA / (spacing * STRETCH_SHARE * touching)
+    value = max(1.0, min(balance, cap, held if math.isfinite(touching) else math.inf))
+    why = "a tenth as stiff as contacts" if value == held else "stretching as stiff as bending"
     return Choice(
         "axial softening",
         f"{value:.4g}",
-        f"stretching as stiff as bending: a longer step; the end load strains the filament {value * strain:.2g}",
+        f"{why}: a longer step; the end load strains the filament {value * strain:.2g}",
     )
 
 
@@ -217,11 +226,14 @@ def plan_filaments(scene: Scene, out: Outline, level: str, choices: list[Choice]
     capsule = shape.value == "capsule"
     spacing, choice = _spacing(scene, level, far, shape.value, out)
     choices.append(choice)
-    axial = axial_softening(scene, level, spacing, f)
     law = scene.contact.law
     if law == "auto":
         law = "line" if capsule else "hooke"
     softening = line_softening(scene, out) if law == "line" else contact_softening(scene, f, spacing, law)
+    touching = math.inf
+    if capsule:
+        touching = plan_capsule(scene, law, spacing, f.mass_per_length, float(softening.value)).bounds()[0]
+    axial = axial_softening(scene, level, spacing, f, touching)
     choices += [axial, softening, friction(scene)]
     choices.append(
         Choice(
@@ -275,7 +287,7 @@ def plan_filaments(scene: Scene, out: Outline, level: str, choices: list[Choice]
     if far == "condensed":
         omissions.append(Omission("filaments beyond the fine zone", why, "within 2 % of graded beads (measured)"))
     beside = lo if far == "none" else math.inf
-    if out.displacement > STEEP * beside:
+    if 0 < STEEP * beside < out.displacement:
         omissions.append(
             Omission(
                 "long supports",
