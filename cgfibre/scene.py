@@ -15,7 +15,6 @@ import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
@@ -23,206 +22,41 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 import tomli_w
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
-from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError, core_schema
+from pydantic_core import ErrorDetails, PydanticCustomError
 
-from cgfibre import readers, units
+from cgfibre import units
 from cgfibre.errors import InputError
 from cgfibre.materials import MATERIALS, find_material, isotropic_shear_modulus
+from cgfibre.scene_values import (
+    NOT_GIVEN,
+    Abridged,
+    Angle,
+    AngleTable,
+    AutoFactor,
+    AutoLength,
+    AutoSpeed,
+    AutoSteps,
+    AutoTime,
+    CentresText,
+    Density,
+    ForceOrZero,
+    Friction,
+    FullLength,
+    Length,
+    LengthOrZero,
+    LineForce,
+    Modulus,
+    PoissonRatio,
+    TimeOrZero,
+    Twist,
+    Value,
+    refusal,
+)
 
 #: void fraction of touching filaments in hexagonal order, 1 - pi / (2 sqrt 3)
 LEAST_VOID_FRACTION = 1.0 - math.pi / (2.0 * math.sqrt(3.0))
 
-
-class _NotGiven:
-    """Stands for a value that is not there."""
-
-    def __repr__(self) -> str:
-        return "(not given)"
-
-
-class _Abridged:
-    """Stands for a value too long for one line."""
-
-    def __init__(self, text: str) -> None:
-        self.text = text
-
-    def __repr__(self) -> str:
-        return self.text
-
-
-NOT_GIVEN = _NotGiven()
 T = TypeVar("T", bound=BaseModel)
-
-
-def _refusal(key: str, value: object, expected: str) -> PydanticCustomError:
-    """An error of our own for pydantic to carry; ``key`` is relative to the table that raises it."""
-    return PydanticCustomError("refused", "{expected}", {"key": key, "value": value, "expected": expected})
-
-
-@dataclass(frozen=True)
-class Value:
-    """Annotation of a number or a quantity: how it is read, checked, described and written.
-
-    Attributes: ``unit`` engine unit of a quantity, empty for a plain number; ``words`` accepted in its place;
-    ``whole`` for whole numbers; bounds in engine units: ``above`` and ``below`` are excluded, ``least`` and ``most``
-    are not.
-    """
-
-    unit: str = ""
-    words: tuple[str, ...] = ()
-    whole: bool = False
-    above: float | None = None
-    least: float | None = None
-    below: float | None = None
-    most: float | None = None
-
-    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(
-            self.read, serialization=core_schema.plain_serializer_function_ser_schema(self.write)
-        )
-
-    @property
-    def expected(self) -> str:
-        """What is wanted, for a message."""
-        kind = units.describe(self.unit) if self.unit else "a whole number" if self.whole else "a number"
-        low, high = self._bounds()
-        return self._or_words(kind) + (f", {' and '.join(b for b in (low, high) if b)}" if low or high else "")
-
-    def read(self, value: object) -> float | int | str:
-        """Engine value of what stands in the scene; an error that pydantic carries if it is not that."""
-        if isinstance(value, str) and value in self.words:
-            return value
-        if self.unit:
-            try:
-                number: float = units.parse(value, self.unit, "")
-            except InputError as error:
-                raise _refusal("", value, self._or_words(error.expected)) from None
-        elif isinstance(value, bool) or not isinstance(value, int if self.whole else (int, float)):
-            raise _refusal("", value, self.expected)
-        else:
-            number = value if self.whole else float(value)
-        if not self._within(number):
-            raise _refusal("", value, self.expected)
-        return number
-
-    def write(self, value: float | int | str | None) -> float | int | str | None:
-        """The text or number that :meth:`read` takes back to ``value``."""
-        return units.format(value, self.unit) if self.unit and isinstance(value, float | int) else value
-
-    def _or_words(self, kind: str) -> str:
-        return " or ".join([*(repr(w) for w in self.words), kind])
-
-    def _within(self, number: float) -> bool:
-        return (
-            math.isfinite(number)
-            and (self.above is None or number > self.above)
-            and (self.least is None or number >= self.least)
-            and (self.below is None or number < self.below)
-            and (self.most is None or number <= self.most)
-        )
-
-    def _bounds(self) -> tuple[str, str]:
-        def written(bound: float) -> str:
-            return (
-                units.format(bound, self.unit)
-                if self.unit and bound
-                else f"{bound:.10g}"
-                if self.whole
-                else f"{bound:g}"
-            )
-
-        low = f"above {written(self.above)}" if self.above is not None else ""
-        low = f"at least {written(self.least)}" if self.least is not None else low
-        high = f"below {written(self.below)}" if self.below is not None else ""
-        high = f"at most {written(self.most)}" if self.most is not None else high
-        return low, high
-
-
-#: the upper bounds catch a wrong prefix, no more
-Length = Annotated[float, Value("um", above=0.0, most=1e7)]
-Modulus = Annotated[float, Value("kPa", least=1.0, most=1e10)]
-Density = Annotated[float, Value("pg/um**3", least=0.01, most=30.0)]
-LineForce = Annotated[float, Value("nN/um", above=0.0)]
-#: signed
-Angle = Annotated[float, Value("rad", least=-2.0 * math.pi, most=2.0 * math.pi)]
-#: turns per length; the direction is a key of its own
-Twist = Annotated[float, Value("turn/um", least=0.0, most=1.0)]
-#: zero allowed
-LengthOrZero = Annotated[float, Value("um", least=0.0, most=1e7)]
-ForceOrZero = Annotated[float, Value("nN", least=0.0)]
-TimeOrZero = Annotated[float, Value("us", least=0.0)]
-#: or a word
-AutoLength = Annotated[float | Literal["auto"], Value("um", words=("auto",), above=0.0, most=1e7)]
-FullLength = Annotated[float | Literal["full"], Value("um", words=("full",), above=0.0, most=1e7)]
-AutoSpeed = Annotated[float | Literal["auto"], Value("um/us", words=("auto",), above=0.0, most=1e3)]
-AutoTime = Annotated[float | Literal["auto"], Value("us", words=("auto",), above=0.0)]
-AutoSteps = Annotated[int | Literal["auto"], Value(words=("auto",), whole=True, least=1000, most=10**9)]
-AutoFactor = Annotated[float | Literal["auto"], Value(words=("auto",), least=1.0, most=1e6)]
-
-
-@dataclass(frozen=True)
-class CentresText:
-    """Annotation of filament centres: text of a table with the columns y and z (with units), to pairs in um, and back.
-
-    In a file the key may name a CSV file in place of the text: :func:`load_scene` reads it.
-    """
-
-    expected: ClassVar[str] = "a CSV file of filament centres, with columns y and z such as 'y_um,z_um'"
-
-    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(
-            self.read, serialization=core_schema.plain_serializer_function_ser_schema(self.write)
-        )
-
-    def read(self, value: object) -> tuple[tuple[float, float], ...]:
-        """((y, z), ...) um; an error that pydantic carries if it is no such table."""
-        if not isinstance(value, str) or "\n" not in value:
-            raise _refusal("", value, self.expected)
-        try:
-            table = readers.parse_table(value.strip().splitlines(), "centres")
-            y, z = (table.quantity(table.index(name, "column"), "um", "") for name in ("y", "z"))
-        except InputError as error:
-            raise _refusal("", _Abridged(f"{value.strip()[:20]!r} ..."), f"{self.expected}: {error}") from None
-        return tuple(zip(y.tolist(), z.tolist(), strict=True))
-
-    def write(self, value: tuple[tuple[float, float], ...] | None) -> str | None:
-        """The text that :meth:`read` takes back to ``value``."""
-        return None if value is None else "y_um,z_um\n" + "".join(f"{y!r},{z!r}\n" for y, z in value)
-
-
-class AngleTable:
-    """Annotation of friction against the crossing angle: [["0 deg", 0.42], ["90 deg", 0.23]] to pairs (rad, mu)."""
-
-    expected: ClassVar[str] = 'rows of a rising angle and a coefficient, such as [["0 deg", 0.42], ["90 deg", 0.23]]'
-
-    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(
-            self.read, serialization=core_schema.plain_serializer_function_ser_schema(self.write)
-        )
-
-    def read(self, value: object) -> tuple[tuple[float, float], ...]:
-        """((angle rad, mu), ...); an error that pydantic carries if it is no such table."""
-        if not isinstance(value, list | tuple) or len(value) < 2:
-            raise _refusal("", value, self.expected)
-        rows = []
-        for row in value:
-            try:
-                angle, mu = row
-                rows.append((units.parse(angle, "rad", ""), Value(least=0.0, most=2.0).read(mu)))
-            except (TypeError, ValueError, InputError, PydanticCustomError):
-                raise _refusal("", row, self.expected) from None
-        angles = [angle for angle, _ in rows]
-        if angles != sorted(set(angles)) or angles[0] < 0 or angles[-1] > math.pi / 2 * (1 + 1e-12):
-            raise _refusal("", value, self.expected + ", between 0 and 90 deg")
-        return tuple((float(angle), float(mu)) for angle, mu in rows)
-
-    def write(self, value: tuple[tuple[float, float], ...] | None) -> list[list[object]] | None:
-        """The rows that :meth:`read` takes back to ``value``."""
-        return None if value is None else [[units.format(angle, "rad"), mu] for angle, mu in value]
-
-
-PoissonRatio = Annotated[float, Value(least=0.0, most=0.5)]
-Friction = Annotated[float, Value(least=0.0, most=2.0)]
 
 
 class _Table(BaseModel):
@@ -237,7 +71,6 @@ class _Table(BaseModel):
 
 #: for the scenes of other tests, which have tables of their own
 Table = _Table
-refusal = _refusal
 
 
 class Filament(_Table):
@@ -343,43 +176,43 @@ class Bundle(_Table):
             self._check_file()
         elif self.centres is not None:
             expected = f"no such key: {self.arrangement} packing places the filaments itself (or arrangement = 'file')"
-            raise _refusal("centres", _Abridged("(given)"), expected)
+            raise refusal("centres", Abridged("(given)"), expected)
         elif self.arrangement == "random":
             for key in ("pitch", "void_fraction"):
                 if getattr(self, key) is not None:
-                    raise _refusal(key, self._shown(key), "no such key: random packing takes fibre_volume_fraction")
+                    raise refusal(key, self._shown(key), "no such key: random packing takes fibre_volume_fraction")
             if self.fibre_volume_fraction is None:
-                raise _refusal("fibre_volume_fraction", NOT_GIVEN, "a number, at least 0.05 and at most 0.8")
+                raise refusal("fibre_volume_fraction", NOT_GIVEN, "a number, at least 0.05 and at most 0.8")
         elif self.fibre_volume_fraction is not None:
             expected = f"no such key: {self.arrangement} packing takes pitch or void_fraction"
-            raise _refusal("fibre_volume_fraction", self.fibre_volume_fraction, expected)
+            raise refusal("fibre_volume_fraction", self.fibre_volume_fraction, expected)
         elif self.pitch is not None and self.void_fraction is not None:
-            raise _refusal("pitch", self._shown("pitch"), "either pitch or void_fraction, not both")
+            raise refusal("pitch", self._shown("pitch"), "either pitch or void_fraction, not both")
         if self.arrangement == "circular":
             self._check_rings()
         elif self.first_angle != 0.0:
             expected = f"no such key: it turns the rings of a circular arrangement, this one is {self.arrangement}"
-            raise _refusal("first_angle", self._shown("first_angle"), expected)
+            raise refusal("first_angle", self._shown("first_angle"), expected)
         if self.aspect is not None and self.arrangement in ("circular", "hexagonal", "virtual", "random", "file"):
             expected = f"no such key: it shapes rectangular, elliptic and racetrack, this one is {self.arrangement}"
-            raise _refusal("aspect", self.aspect, expected)
+            raise refusal("aspect", self.aspect, expected)
         return self
 
     def _check_file(self) -> None:
         if self.centres is None:
-            raise _refusal("centres", NOT_GIVEN, CentresText.expected)
+            raise refusal("centres", NOT_GIVEN, CentresText.expected)
         for key in ("pitch", "void_fraction", "fibre_volume_fraction"):
             if getattr(self, key) is not None:
-                raise _refusal(key, self._shown(key), "no such key: the centres are those of assembly.centres")
+                raise refusal(key, self._shown(key), "no such key: the centres are those of assembly.centres")
         if self.count != len(self.centres):
-            raise _refusal("count", self.count, f"{len(self.centres)}, the number of centres (or no count)")
+            raise refusal("count", self.count, f"{len(self.centres)}, the number of centres (or no count)")
 
     def _check_rings(self) -> None:
         n = _rings(self.count)
         fewer, more = (1 + 3 * k * (k + 1) for k in (n, n + 1))
         if self.count != fewer:
             expected = f"full rings, 1 + 3 n (n + 1) filaments: {fewer} or {more} (or another arrangement)"
-            raise _refusal("count", self.count, expected)
+            raise refusal("count", self.count, expected)
 
     @property
     def straight(self) -> bool:
@@ -397,7 +230,7 @@ def _assembly(data: Any) -> Any:
     kind = data.get("kind", "bundle")
     if not isinstance(kind, str) or kind not in ASSEMBLIES:
         expected = _one_of(ASSEMBLIES) + _later("assembly.kind", kind)
-        raise _refusal("kind", kind, expected)
+        raise refusal("kind", kind, expected)
     return ASSEMBLIES[kind].model_validate(data)
 
 
@@ -421,7 +254,7 @@ class Stop(_Table):
         given = [key for key in type(self).model_fields if getattr(self, key) is not None]
         if len(given) != 1:
             expected = "exactly one of displacement, thickness, pressure or force"
-            raise _refusal("", _Abridged("{" + ", ".join(given) + "}") if given else NOT_GIVEN, expected)
+            raise refusal("", Abridged("{" + ", ".join(given) + "}") if given else NOT_GIVEN, expected)
         return self
 
     @property
@@ -458,15 +291,15 @@ class Platens(_Table):
     def _consistent(self) -> Platens:
         if self.shape == "crimped":
             if self.crimp_angle is None:
-                raise _refusal("crimp_angle", NOT_GIVEN, _field_value(Platens, "crimp_angle").expected)
+                raise refusal("crimp_angle", NOT_GIVEN, _field_value(Platens, "crimp_angle").expected)
             if self.width == "full":
-                raise _refusal("width", "full", "a length such as '0.5 mm': the arc of a crimped platen has an end")
+                raise refusal("width", "full", "a length such as '0.5 mm': the arc of a crimped platen has an end")
             if self.crimp_side == "both" and self.bottom_width == "full":
-                raise _refusal("bottom_width", "full", "a length such as '0.5 mm', or crimp_side = 'top'")
+                raise refusal("bottom_width", "full", "a length such as '0.5 mm', or crimp_side = 'top'")
             return self
         for key in ("crimp_angle", "crimp_side", "curvature"):
             if getattr(self, key) != type(self).model_fields[key].default:
-                raise _refusal(key, self._shown(key), "no such key with shape = 'flat' (or shape = 'crimped')")
+                raise refusal(key, self._shown(key), "no such key with shape = 'flat' (or shape = 'crimped')")
         return self
 
 
@@ -521,7 +354,7 @@ class Model(_Table):
                 expected = "no such key with level = 'section': a section has no filament length"
             else:
                 expected = f"no such key with level = {self.level!r}: it belongs to level = 'section'"
-            raise _refusal(key, self._shown(key), expected)
+            raise refusal(key, self._shown(key), expected)
         return self
 
 
@@ -608,18 +441,18 @@ def _height(scene: Scene) -> float:
 def _check_sizes(scene: Scene) -> None:
     bundle, diameter = scene.assembly, scene.filament.diameter
     if bundle.pitch is not None and bundle.pitch < diameter:
-        raise _refusal("assembly.pitch", bundle._shown("pitch"), f"at least the diameter, {_length_um(diameter)}")
+        raise refusal("assembly.pitch", bundle._shown("pitch"), f"at least the diameter, {_length_um(diameter)}")
     if bundle.length <= 4.0 * diameter:
         expected = f"more than four diameters, {_length_um(4.0 * diameter)}"
-        raise _refusal("assembly.length", bundle._shown("length"), expected)
+        raise refusal("assembly.length", bundle._shown("length"), expected)
     if bundle.migration is not None and bundle.migration.period < 4.0 * diameter:
         expected = f"at least four diameters, {_length_um(4.0 * diameter)}"
-        raise _refusal("assembly.migration.period", bundle.migration._shown("period"), expected)
+        raise refusal("assembly.migration.period", bundle.migration._shown("period"), expected)
     # half the gap keeps any two apart; a hundredth of the diameter is shallow even where they touch
     most = max(0.5 * (_pitch(scene) - diameter), 0.01 * diameter)
     if bundle.jitter > most:
         expected = f"at most {_length_um(most)}, beyond which filaments overlap as built"
-        raise _refusal("assembly.jitter", bundle._shown("jitter"), expected)
+        raise refusal("assembly.jitter", bundle._shown("jitter"), expected)
 
 
 def _check_twist(scene: Scene) -> None:
@@ -640,7 +473,7 @@ def _check_twist(scene: Scene) -> None:
         limit = math.pi / 4.0 if as_found else min(math.acos(diameter / p), math.pi / 4.0)
         most = units.format(float(f"{math.tan(limit) / (2.0 * math.pi * outer):.3g}"), "turn/um")
         expected = f"at most about {most}: outer filaments lean by {math.degrees(lean):.0f} deg and overlap as built"
-        raise _refusal("assembly.twist", bundle._shown("twist"), expected)
+        raise refusal("assembly.twist", bundle._shown("twist"), expected)
 
 
 def _check_cell(scene: Scene) -> None:
@@ -650,23 +483,23 @@ def _check_cell(scene: Scene) -> None:
         return
     if bundle.migration is not None:
         expected = "no such table with ends.support = 'symmetry': wandering filaments do not end where they began"
-        raise _refusal("assembly.migration", _Abridged("{...}"), expected)
+        raise refusal("assembly.migration", Abridged("{...}"), expected)
     turns = bundle.twist * bundle.length
     if abs(turns - round(turns)) > 1e-4:
         fits = units.format(float(f"{max(1, round(turns)) / bundle.length:.10g}"), "turn/um")
         expected = f"whole turns over the length with ends.support = 'symmetry' (such as {fits}), here {turns:.4g}"
-        raise _refusal("assembly.twist", bundle._shown("twist"), expected)
+        raise refusal("assembly.twist", bundle._shown("twist"), expected)
 
 
 def _check_tension(scene: Scene) -> None:
     if scene.ends.tension > 0.05 * scene.filament.EA:
         most = units.format(float(f"{0.05 * scene.filament.EA:.3g}"), "nN")
-        raise _refusal("ends.tension", scene.ends._shown("tension"), f"at most {most} a filament, a strain of 5 %")
+        raise refusal("ends.tension", scene.ends._shown("tension"), f"at most {most} a filament, a strain of 5 %")
     softening = scene.model.axial_softening
     if softening != "auto" and scene.ends.tension * float(softening) > 0.05 * scene.filament.EA:
         most = f"{0.05 * scene.filament.EA / scene.ends.tension:.3g}"
         expected = f"'auto' or at most {most}: softened filaments would stretch by more than 5 % under ends.tension"
-        raise _refusal("model.axial_softening", softening, expected)
+        raise refusal("model.axial_softening", softening, expected)
 
 
 def _check_stop(scene: Scene) -> None:
@@ -678,10 +511,10 @@ def _check_stop(scene: Scene) -> None:
             f"at most {_length_um(height - thinnest)}: the bundle is {_length_um(height)} high and no thinner than "
             f"{_length_um(thinnest)}"
         )
-        raise _refusal("platens.stop.displacement", stop._shown("displacement"), expected)
+        raise refusal("platens.stop.displacement", stop._shown("displacement"), expected)
     if stop.thickness is not None and not thinnest <= stop.thickness < height:
         expected = f"from {_length_um(thinnest)} (solid filaments side by side) to below the {_length_um(height)} built"
-        raise _refusal("platens.stop.thickness", stop._shown("thickness"), expected)
+        raise refusal("platens.stop.thickness", stop._shown("thickness"), expected)
 
 
 def _check_widths(scene: Scene) -> None:
@@ -693,7 +526,7 @@ def _check_widths(scene: Scene) -> None:
                 f"'full' or a length from one diameter, {_length_um(diameter)}, to below assembly.length, "
                 f"{_length_um(length)}"
             )
-            raise _refusal(f"platens.{key}", scene.platens._shown(key), expected)
+            raise refusal(f"platens.{key}", scene.platens._shown(key), expected)
 
 
 def _check_spacing(scene: Scene) -> None:
@@ -703,7 +536,7 @@ def _check_spacing(scene: Scene) -> None:
     if isinstance(spacing, float) and not diameter / 20.0 <= spacing <= most:
         why = "a quarter of the length" if alone else "the diameter: beads further apart miss each other"
         expected = f"'auto' or a length from {_length_um(diameter / 20.0)} to {_length_um(most)}, {why}"
-        raise _refusal("model.spacing", scene.model._shown("spacing"), expected)
+        raise refusal("model.spacing", scene.model._shown("spacing"), expected)
 
 
 def _check_shape(scene: Scene) -> None:
@@ -711,19 +544,19 @@ def _check_shape(scene: Scene) -> None:
     shape, law, level = scene.contact.shape, scene.contact.law, scene.model.level
     if law == "hertz" and shape == "capsule":
         expected = "'auto', 'line' or 'hooke' with contact.shape = 'capsule': hertz is for beads"
-        raise _refusal("contact.law", law, expected)
+        raise refusal("contact.law", law, expected)
     if law == "line" and (shape == "beads" or level == "section"):
         where = "contact.shape = 'beads'" if shape == "beads" else "level = 'section'"
-        raise _refusal("contact.law", law, f"'auto', 'hooke' or 'hertz' with {where}: the line law is for capsules")
+        raise refusal("contact.law", law, f"'auto', 'hooke' or 'hertz' with {where}: the line law is for capsules")
     if scene.contact.kinetic_friction is not None and scene.contact.kinetic_friction > scene.contact.friction:
         expected = f"at most contact.friction, {scene.contact.friction:g}"
-        raise _refusal("contact.kinetic_friction", scene.contact.kinetic_friction, expected)
+        raise refusal("contact.kinetic_friction", scene.contact.kinetic_friction, expected)
     for key in ("kinetic_friction", "friction_by_angle"):
         if getattr(scene.contact, key) is not None and (shape == "beads" or level == "section" or law == "hertz"):
             expected = "no such key: it belongs to contact.shape = 'capsule' and the levels chain and rod"
-            raise _refusal(f"contact.{key}", _Abridged("(given)"), expected)
+            raise refusal(f"contact.{key}", Abridged("(given)"), expected)
     if shape == "capsule" and level == "section":
-        raise _refusal("contact.shape", shape, "'auto' or 'beads' with level = 'section': its filaments are discs")
+        raise refusal("contact.shape", shape, "'auto' or 'beads' with level = 'section': its filaments are discs")
 
 
 def _check_torsion(scene: Scene) -> None:
@@ -734,12 +567,12 @@ def _check_torsion(scene: Scene) -> None:
             "'none' for straight filaments: a dihedral is singular on a straight chain and follows the torsion of the "
             "centre line, not the twist of the material; use level = 'rod'"
         )
-        raise _refusal("model.torsion", "dihedral", expected)
+        raise refusal("model.torsion", "dihedral", expected)
     if scene.model.level != "chain":
         expected = (
             f"'none' with level = {scene.model.level!r}: dihedrals belong to level = 'chain', a rod twists itself"
         )
-        raise _refusal("model.torsion", "dihedral", expected)
+        raise refusal("model.torsion", "dihedral", expected)
 
 
 def _check_far_field(scene: Scene) -> None:
@@ -748,7 +581,7 @@ def _check_far_field(scene: Scene) -> None:
         return
 
     def refuse(reason: str) -> PydanticCustomError:
-        return _refusal("model.far_field", far, f"'auto' or 'none': {reason}")
+        return refusal("model.far_field", far, f"'auto' or 'none': {reason}")
 
     if scene.platens.width == "full":
         raise refuse("platens.width = 'full' leaves nothing beyond the platen")
@@ -767,23 +600,23 @@ def _check_section(scene: Scene) -> None:
         return
     bundle, none_along = scene.assembly, "a section has no length along the filaments (or level = 'chain' or 'rod')"
     if bundle.twist != 0.0:
-        raise _refusal("assembly.twist", bundle._shown("twist"), f"0: {none_along}")
+        raise refusal("assembly.twist", bundle._shown("twist"), f"0: {none_along}")
     if bundle.migration is not None:
-        raise _refusal("assembly.migration", _Abridged("{...}"), f"no such table: {none_along}")
+        raise refusal("assembly.migration", Abridged("{...}"), f"no such table: {none_along}")
     if scene.platens.shape != "flat":
-        raise _refusal("platens.shape", scene.platens.shape, f"'flat': {none_along}")
+        raise refusal("platens.shape", scene.platens.shape, f"'flat': {none_along}")
     if scene.model.far_field in ("graded", "condensed"):
-        raise _refusal("model.far_field", scene.model.far_field, f"'auto' or 'none': {none_along}")
+        raise refusal("model.far_field", scene.model.far_field, f"'auto' or 'none': {none_along}")
     periodic = scene.ends.support == "symmetry" and scene.platens.width == "full"
     if scene.ends.support != "simply-supported" and not periodic:
         expected = (
             "'simply-supported' with level = 'section' (its springs are those of such filaments), or 'symmetry' with "
             "platens.width = 'full'"
         )
-        raise _refusal("ends.support", scene.ends.support, expected)
+        raise refusal("ends.support", scene.ends.support, expected)
     if scene.contact.law == "hertz":
         expected = "'auto' or 'hooke' with level = 'section': parallel filaments touch along lines, hertz is for points"
-        raise _refusal("contact.law", "hertz", expected)
+        raise refusal("contact.law", "hertz", expected)
 
 
 Scene.CHECKS = (
@@ -1077,4 +910,4 @@ def _one_of(words: Iterable[str]) -> str:
 def _shown_value(value: object) -> object:
     """The value, abridged where its text would fill the line."""
     text = repr(value)
-    return value if len(text) <= 60 else _Abridged(text[:56] + " ...")
+    return value if len(text) <= 60 else Abridged(text[:56] + " ...")

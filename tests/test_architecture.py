@@ -17,7 +17,7 @@ LAYERS = [
     {"units"},
     {"materials", "readers", "tow_friction"},
     {"build.system", "mechanics"},
-    {"record"},
+    {"record", "scene_values"},
     {"scene", "build"},
     {"plan", "measure", "plot", "store"},
     {"engine"},

@@ -37,7 +37,7 @@ from cgfibre.mechanics.rod import circle_area
 from cgfibre.mechanics.stick_slip import Slider
 from cgfibre.plot_friction import CapstanView, WrapView
 from cgfibre.readers import read_record
-from cgfibre.scene import NOT_GIVEN
+from cgfibre.scene_values import NOT_GIVEN
 from cgfibre.signals import DISPLACEMENT, FORCE, TIME
 
 FloatArray = npt.NDArray[np.float64]
