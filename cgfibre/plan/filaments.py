@@ -80,6 +80,8 @@ def axial_softening(
 def contact_shape(scene: Scene) -> Choice:
     """Whether filaments touch along their segments (capsules) or bead by bead."""
     asked, law = scene.contact.shape, scene.contact.law
+    if asked == "beads":
+        return Choice("contact", asked, "as asked, or because no plugin fits the engine (cgfibre plugin status)")
     if asked != "auto":
         return Choice("contact", asked, "as asked in the scene")
     if law == "hertz":
