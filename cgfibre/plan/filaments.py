@@ -35,8 +35,9 @@ SPACING_SHARE, SQUEEZE_SHARE = 0.1, 0.3
 #: longest segment that touches, in diameters, and least number of them along a filament
 SEGMENT, LEAST_SEGMENTS = 4.0, 16
 #: largest line load over its mean over the columns under a platen (carbon-37 at 30 um: 17), and the overlap over
-#: diameter and the softening that it may have: to 12 um of carbon-37 a softening of 4 changed forces by 1 % at most
-CONCENTRATION, SOFT_OVERLAP, MAX_SOFTENING = 20.0, 0.01, 10.0
+#: diameter and the softening that it may have: to 12 um of carbon-37 a softening of 4 changed forces by 1 % at most, of
+#: seven filaments 9 lowered them by 8 %
+CONCENTRATION, SOFT_OVERLAP, MAX_SOFTENING = 20.0, 0.01, 3.0
 #: displacement over the free length beside the platen beyond which a plan says what leaning filaments do
 STEEP = 0.4
 #: part of D by which the chord of a segment may miss the curved filament that it stands for
