@@ -138,7 +138,7 @@ def read_micrograph(path: Path, options: MicrographOptions) -> Micrograph:
     Raises InputError, before anything is written, for the picture, the options or an ``out`` that holds results.
     """
     picture = read_picture(path)
-    _check_out(options)
+    store.check_folder(options.out, FILES, options.force)
     picture, scale = _scaled(picture, options)
     view = _cropped(picture, options.crop)
     if options.diameter is not None and not options.diameter > 0:
@@ -174,15 +174,6 @@ def read_micrograph(path: Path, options: MicrographOptions) -> Micrograph:
     )
     statistics.savefig(options.out / "statistics.png")
     return Micrograph(options.out, centres, diameter, detection, summary)
-
-
-def _check_out(options: MicrographOptions) -> None:
-    present = [name for name in FILES if (options.out / name).exists()]
-    if present and not options.force:
-        expected = f"an empty or new folder (it holds {present[0]}); --force overwrites"
-        raise InputError("--out", str(options.out), expected)
-    if options.out.exists() and not options.out.is_dir():
-        raise InputError("--out", str(options.out), "a folder, not a file")
 
 
 def _scaled(picture: Picture, options: MicrographOptions) -> tuple[Picture, float]:

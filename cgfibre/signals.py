@@ -157,7 +157,7 @@ def analyse_signals(files: Sequence[Path], options: SignalOptions) -> SignalResu
     tensions = _one_each("--input-tension", options.input_tension, len(files))
     wraps = _one_each("--wrap", options.wrap, len(files))
     if options.out is not None:
-        _free(options.out, options.force)
+        store.check_folder(options.out, ("summary.json",), options.force)
     table = tow_friction(options.angle, options.filaments) if options.angle is not None else None
     trials: list[Trial] = []
     loops: list[float] = []
@@ -190,13 +190,6 @@ def _one_each(key: str, values: tuple[float, ...], n: int) -> tuple[float, ...]:
     if len(values) != n:
         raise InputError(key, len(values), f"given once, or once for each of the {n} files")
     return values
-
-
-def _free(out: Path, force: bool) -> None:
-    if out.exists() and not out.is_dir():
-        raise InputError("--out", str(out), "a folder, not a file")
-    if (out / "summary.json").exists() and not force:
-        raise InputError("--out", str(out), "an empty or new folder (it holds summary.json); --force overwrites")
 
 
 def _read_trials(path: Path, rig: TestRig, options: SignalOptions, several: bool) -> list[Trial]:

@@ -25,7 +25,7 @@ import h5py
 import numpy as np
 
 from cgfibre.build.system import FilamentSystem, FilamentType
-from cgfibre.errors import StoreError
+from cgfibre.errors import InputError, StoreError
 from cgfibre.record import CURVE_COLUMNS, Curve, Frames
 
 if TYPE_CHECKING:
@@ -348,6 +348,19 @@ def write_table(path: Path, columns: Mapping[str, tuple[Sequence[Any], str]]) ->
 
 def _cell(value: Any) -> Any:
     return "" if isinstance(value, float) else value
+
+
+def check_folder(out: Path, names: Iterable[str], force: bool, more: str = "") -> None:
+    """Refuse an ``--out`` that is a file, or that holds one of ``names`` of earlier results unless ``force``.
+
+    ``more`` ends the message: what else can be done about it. Raises InputError; writes nothing.
+    """
+    present = [name for name in names if (out / name).exists()]
+    if present and not force:
+        expected = f"an empty or new folder (it holds {present[0]}); --force overwrites{more}"
+        raise InputError("--out", str(out), expected)
+    if out.exists() and not out.is_dir():
+        raise InputError("--out", str(out), "a folder, not a file")
 
 
 def write_json(path: Path, values: Mapping[str, Any]) -> None:

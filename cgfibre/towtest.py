@@ -131,7 +131,7 @@ def analyse_tests(files: Sequence[Path], options: TowOptions) -> TowResult:
     """
     if not files:
         raise InputError("FILES", (), "one test record or more")
-    _check_out(options)
+    store.check_folder(options.out, FILES, options.force)
     specimens = [_specimen(path, k, len(files), options) for k, path in enumerate(files)]
     groups = _grouped(specimens, options)
     law = None
@@ -144,15 +144,6 @@ def analyse_tests(files: Sequence[Path], options: TowOptions) -> TowResult:
     options.out.mkdir(parents=True, exist_ok=True)
     _write(groups, law, summary, options)
     return TowResult(options.out, groups, law, summary)
-
-
-def _check_out(options: TowOptions) -> None:
-    present = [name for name in FILES if (options.out / name).exists()]
-    if present and not options.force:
-        expected = f"an empty or new folder (it holds {present[0]}); --force overwrites"
-        raise InputError("--out", str(options.out), expected)
-    if options.out.exists() and not options.out.is_dir():
-        raise InputError("--out", str(options.out), "a folder, not a file")
 
 
 # --- reading -----------------------------------------------------------------------------------------------------

@@ -130,13 +130,7 @@ def build_scene(source: str | Path, out: Path, overrides: Sequence[str] = (), fo
 
 def _claim(out: Path, force: bool) -> None:
     """Make ``out`` ready for a new run; refuse to overwrite an earlier one."""
-    present = [name for name in (*RUN_FILES, "deck") if (out / name).exists()]
-    if present and not force:
-        raise InputError(
-            "--out", str(out), f"an empty or new folder (it holds {present[0]}); --force overwrites, --resume goes on"
-        )
-    if out.exists() and not out.is_dir():
-        raise InputError("--out", str(out), "a folder, not a file")
+    store.check_folder(out, (*RUN_FILES, "deck"), force, ", --resume goes on")
     for name in (*RUN_FILES, *PICTURES):
         (out / name).unlink(missing_ok=True)
     for name in ("deck", *certify.FOLDERS.values()):

@@ -164,11 +164,7 @@ def run_capstan(
 
 
 def _claim(out: Path, force: bool) -> None:
-    if out.exists() and not out.is_dir():
-        raise InputError("--out", str(out), "a folder, not a file")
-    present = [name for name in FILES if (out / name).exists()]
-    if present and not force:
-        raise InputError("--out", str(out), f"an empty or new folder (it holds {present[0]}); --force overwrites")
+    store.check_folder(out, FILES, force)
     for name in (*FILES, *PICTURES):
         (out / name).unlink(missing_ok=True)
     for name in ("belt", "dynamic"):
