@@ -21,6 +21,22 @@ MPA = 1e-3  # of kPa
 
 
 @dataclass(frozen=True)
+class Balance:
+    """What stands beside the platens' forces and work in a section, at the samples of the curve (as built: first).
+
+    ``springs`` N that the springs push up; ``drag`` N of the background; ``contact`` J in the contacts' normal springs
+    (part of the curve's stored energy); ``factor``: how many times stiffer contacts have become; ``furthest`` um of a
+    disc from its place (0: not known). All (n_samples + 1,).
+    """
+
+    springs: FloatArray
+    drag: FloatArray
+    contact: FloatArray
+    factor: FloatArray
+    furthest: FloatArray
+
+
+@dataclass(frozen=True)
 class Extremes:
     """What the guards need of every sample: closest pair of beads um, lowest and highest bead centre under the platen
     um, largest turn of a disc rad, displacement um. All (n_samples,)."""
@@ -30,6 +46,7 @@ class Extremes:
     z_hi: FloatArray
     turn: FloatArray
     displacement: FloatArray
+    balance: Balance | None = None
 
 
 def _with_start(start: float, values: FloatArray) -> FloatArray:
@@ -75,7 +92,17 @@ def curve_of(raw: RawRecord, system: FilamentSystem, plan: Plan) -> Curve:
 def extremes_of(raw: RawRecord) -> Extremes:
     """What the guards need of the record."""
     s = raw.state
-    return Extremes(s["closest"], s["z_lo"], s["z_hi"], s["turn"], s["displacement"])
+    b = raw.balance
+    balance = None
+    if b:
+        balance = Balance(
+            _with_start(0.0, b["spring_force"]) * NEWTON,
+            _with_start(0.0, b["drag_force"]) * NEWTON,
+            _with_start(0.0, b["contact_energy"]) * JOULE,
+            _with_start(1.0, b["factor"]),
+            _with_start(0.0, b["furthest"]),
+        )
+    return Extremes(s["closest"], s["z_lo"], s["z_hi"], s["turn"], s["displacement"], balance)
 
 
 def displacement_at(plan: Plan, step: np.ndarray) -> FloatArray:

@@ -53,7 +53,7 @@ FixDiscSupport::FixDiscSupport(LAMMPS *lmp, int narg, char **arg) : Fix(lmp, nar
   scalar_flag = 1;
   extscalar = 1;
   vector_flag = 1;
-  size_vector = 6;
+  size_vector = 7;
   extvector = 0;
   global_freq = 1;
   energy_global_flag = 1;
@@ -110,6 +110,7 @@ void FixDiscSupport::setup(int /*vflag*/)
 
 void FixDiscSupport::post_force(int /*vflag*/)
 {
+  state_[2] += state_[3];
   hold(update->dt);
 }
 
@@ -161,6 +162,7 @@ void FixDiscSupport::end_of_step()
   const double part = std::min(1.0, std::max(0.0, (state_[0] - start_) / (end_ - start_)));
   const double wanted = std::pow(most_, part);
   state_[1] = std::max(state_[1], std::min(wanted, state_[1] * (1 + GROWTH)));
+  state_[3] = state_[0] <= start_ ? 1 : wanted > state_[1] ? CREEP : SLOW;
 }
 
 void FixDiscSupport::sum()
@@ -184,6 +186,7 @@ double FixDiscSupport::compute_vector(int k)
     MPI_Allreduce(&most, &all, 1, MPI_DOUBLE, MPI_MAX, world);
     return all;
   }
+  if (k == 6) return state_[2];
   sum();
   return all_[FX + k];
 }

@@ -18,15 +18,17 @@ namespace cgfibre {
 // stiffen: contacts that a deck leaves S times too soft become real as they are pressed. Nothing of the contacts is
 // touched: the unit of force of everything but the springs is f_ID[5] times the deck's, so the springs act 1/f_ID[5]
 // as hard. Every N steps the variable (an overlap) enters a mean over some MEMORY of its values, M; f_ID[5] is
-// S^((M - START)/(END - START)), from 1 to S, never falls, and rises by no more than GROWTH at a time.
+// S^((M - START)/(END - START)), from 1 to S, never falls, and rises by no more than GROWTH at a time. f_ID[7] counts
+// steps for the deck's platens, which are to go on by it: from M = START on a step counts SLOW, while the factor lags
+// behind CREEP.
 //
 // f_ID: energy of the springs; f_ID[1-2]: sum of their forces on the discs; f_ID[3]: largest distance; f_ID[4]: the mean
-// overlap; f_ID[5]: the factor; f_ID[6]: largest turn. Energy and forces are the real ones, in the atoms' forces they
+// overlap; f_ID[5]: the factor; f_ID[6]: largest turn; f_ID[7]: steps as above. Energy and forces are the real ones, in the atoms' forces they
 // stand over the factor.
 class FixDiscSupport : public LAMMPS_NS::Fix {
  public:
-  static constexpr int MEMORY = 10;
-  static constexpr double GROWTH = 0.02;
+  static constexpr int MEMORY = 5;
+  static constexpr double GROWTH = 0.03, SLOW = 0.05, CREEP = 0.002;
 
   FixDiscSupport(LAMMPS_NS::LAMMPS *lmp, int narg, char **arg);
   ~FixDiscSupport() override;
@@ -59,7 +61,7 @@ class FixDiscSupport : public LAMMPS_NS::Fix {
   std::vector<double> own_;    // VALUES an atom: where it was, how far it has turned since
   std::string overlap_;         // variable; empty: no stiffening
   double start_ = 0, end_ = 1, most_ = 1;
-  double state_[2] = {0, 1};    // mean overlap, factor
+  double state_[4] = {0, 1, 0, 1};    // mean overlap, factor, steps counted, what a step counts
   double mine_[SUMS], all_[SUMS], far_ = 0, turned_ = 0;
   bool summed_ = false;
   int variable_ = -1;
