@@ -534,6 +534,7 @@ def _section(system: FilamentSystem, plan: Plan) -> Deck:
         d = float(np.max(system.diameter))
         parameters |= {
             "paced": 1,
+            "stop_displacement_um": plan.motion.planned_displacement,
             "stiffen_most": plan.stiffen,
             "stiffen_from_um": STIFFEN_FROM * d,
             "stiffen_to_um": STIFFEN_TO * d,
@@ -545,7 +546,9 @@ def _spring_table(law: SpringLaw) -> str:
     """The law as fix disc/support reads it."""
     rows = zip(law.deflection, law.force, strict=True)
     lines = [f"{i} {d:.17g} {f:.17g}\n" for i, (d, f) in enumerate(rows, 1)]
-    return "# deflection (um), force (nN) of a filament on its supports\nSPRING\n" + f"N {len(lines)}\n" + "".join(lines)
+    return (
+        "# deflection (um), force (nN) of a filament on its supports\nSPRING\n" + f"N {len(lines)}\n" + "".join(lines)
+    )
 
 
 ASSEMBLERS: dict[str, Callable[[FilamentSystem, Plan], Deck]] = {"chain": _chain, "rod": _rod, "section": _section}

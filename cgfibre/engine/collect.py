@@ -13,27 +13,11 @@ from cgfibre.engine.assemble import platen_heights
 from cgfibre.engine.dump import RawRecord, iterate_frames, read_record
 from cgfibre.engine.mirror import moved_beads, whole_of
 from cgfibre.plan.model import Plan
-from cgfibre.record import Curve, Frames, phases
+from cgfibre.record import Balance, Curve, Frames, phases
 
 JOULE = 1e-15  # of nN um
 NEWTON = 1e-9
 MPA = 1e-3  # of kPa
-
-
-@dataclass(frozen=True)
-class Balance:
-    """What stands beside the platens' forces and work in a section, at the samples of the curve (as built: first).
-
-    ``springs`` N that the springs push up; ``drag`` N of the background; ``contact`` J in the contacts' normal springs
-    (part of the curve's stored energy); ``factor``: how many times stiffer contacts have become; ``furthest`` um of a
-    disc from its place (0: not known). All (n_samples + 1,).
-    """
-
-    springs: FloatArray
-    drag: FloatArray
-    contact: FloatArray
-    factor: FloatArray
-    furthest: FloatArray
 
 
 @dataclass(frozen=True)
@@ -96,11 +80,11 @@ def extremes_of(raw: RawRecord) -> Extremes:
     balance = None
     if b:
         balance = Balance(
-            _with_start(0.0, b["spring_force"]) * NEWTON,
-            _with_start(0.0, b["drag_force"]) * NEWTON,
-            _with_start(0.0, b["contact_energy"]) * JOULE,
-            _with_start(1.0, b["factor"]),
-            _with_start(0.0, b["furthest"]),
+            springs=_with_start(0.0, b["spring_force"]) * NEWTON,
+            drag=_with_start(0.0, b["drag_force"]) * NEWTON,
+            momentum=_with_start(0.0, b["momentum"]) * NEWTON,
+            contact=_with_start(0.0, b["contact_energy"]) * JOULE,
+            factor=_with_start(1.0, b["factor"]),
         )
     return Extremes(s["closest"], s["z_lo"], s["z_hi"], s["turn"], s["displacement"], balance)
 
@@ -127,7 +111,9 @@ def frames_of(folder: Path, system: FilamentSystem, plan: Plan, raw: RawRecord) 
         found[step] = whole_of(positions, system, plan)
     steps = np.array(sorted(found), dtype=np.int64)
     stacked = np.stack([found[s] for s in steps.tolist()]) if found else np.empty((0, system.n_beads, 3))
-    displacement = np.interp(steps, _with_start(0.0, raw.step.astype(float)), _with_start(0.0, raw.state["displacement"]))
+    displacement = np.interp(
+        steps, _with_start(0.0, raw.step.astype(float)), _with_start(0.0, raw.state["displacement"])
+    )
     return Frames(steps, displacement, stacked)
 
 

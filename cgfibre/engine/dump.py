@@ -50,7 +50,7 @@ FRAME = b"ITEM: TIMESTEP\n"
 END_OF_RESTART = b"LammpS RestartT"
 
 
-BALANCE_COLUMNS = ("step", "spring_force", "drag_force", "contact_energy", "factor", "furthest")
+BALANCE_COLUMNS = ("step", "spring_force", "drag_force", "momentum", "contact_energy", "factor", "furthest")
 
 
 @dataclass(frozen=True)

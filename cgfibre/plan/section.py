@@ -129,9 +129,7 @@ def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) 
         Omission(
             "everything along the filaments",
             "nothing varies along the length" + ("" if free else " but the bending that the springs stand for"),
-            "none"
-            if free
-            else _spring_error(large, out.displacement / span),
+            "none" if free else _spring_error(large, out.displacement / span),
         ),
     ]
     if scene.platens.width != "full":
@@ -168,7 +166,8 @@ def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) 
         predicted_seconds=predicted_seconds(level, n, motion, sampling),
         choices=tuple(choices),
         omissions=tuple(omissions),
-        promise=promise(scene, out, level, 0.0, float(softening.value), motion),
+        # contacts as soft as springs allow overlap no more than those of the least softening
+        promise=promise(scene, out, level, 0.0, min(float(softening.value), CONTACT_SOFTENING), motion),
         depth=depth,
         springs=(k, turn),
         spring_law=large,
