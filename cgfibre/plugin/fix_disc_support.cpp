@@ -53,7 +53,7 @@ FixDiscSupport::FixDiscSupport(LAMMPS *lmp, int narg, char **arg) : Fix(lmp, nar
   scalar_flag = 1;
   extscalar = 1;
   vector_flag = 1;
-  size_vector = 7;
+  size_vector = 8;
   extvector = 0;
   global_freq = 1;
   energy_global_flag = 1;
@@ -186,7 +186,7 @@ double FixDiscSupport::compute_vector(int k)
     MPI_Allreduce(&most, &all, 1, MPI_DOUBLE, MPI_MAX, world);
     return all;
   }
-  if (k == 6) return state_[2];
+  if (k >= 6) return state_[k - 4];
   sum();
   return all_[FX + k];
 }

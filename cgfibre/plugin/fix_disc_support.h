@@ -23,7 +23,8 @@ namespace cgfibre {
 // behind CREEP.
 //
 // f_ID: energy of the springs; f_ID[1-2]: sum of their forces on the discs; f_ID[3]: largest distance; f_ID[4]: the mean
-// overlap; f_ID[5]: the factor; f_ID[6]: largest turn; f_ID[7]: steps as above. Energy and forces are the real ones, in the atoms' forces they
+// overlap; f_ID[5]: the factor; f_ID[6]: largest turn; f_ID[7]: steps as above; f_ID[8]:
+// what a step counts. Energy and forces are the real ones, in the atoms' forces they
 // stand over the factor.
 class FixDiscSupport : public LAMMPS_NS::Fix {
  public:
