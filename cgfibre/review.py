@@ -79,10 +79,11 @@ def platen_gaps(plan: Plan, system: FilamentSystem, displacement: float) -> tupl
     if p.shape != "crimped":
         return FlatPlaten(top - displacement, True), FlatPlaten(bottom, False)
     top_z, bottom_z = crimp_cylinders(plan, top, bottom)
-    upper = CylinderPlaten(p.crimp_centre, top_z - displacement, p.crimp_radius, p.convex)
+    across = plan.level == "section"
+    upper = CylinderPlaten(p.crimp_centre, top_z - displacement, p.crimp_radius, p.convex, across=across)
     lower: Gap = FlatPlaten(bottom, False)
     if p.bottom_crimped:
-        lower = CylinderPlaten(p.crimp_centre, bottom_z, p.crimp_radius, p.convex)
+        lower = CylinderPlaten(p.crimp_centre, bottom_z, p.crimp_radius, p.convex, across=across)
     return upper, lower
 
 
