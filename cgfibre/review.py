@@ -107,7 +107,9 @@ def review_run(
         found += _extreme_guards(plan, system, extremes)
     found.append(_motion_guard(plan, curve))
     found += _stop_guards(plan, curve)
-    start = quasi_static_from(plan, system, curve)
+    # a short first loading may never get there, a later one does
+    starts = (quasi_static_from(plan, system, curve.of(k)) for k in range(1, curve.cycles + 1))
+    start = next((s for s in starts if s is not None), None)
     ratio = None
     if start is None:
         limit = float(plan.motion.quasi_static_force(np.array(np.max(curve["displacement_um"])))) * 1e-9
