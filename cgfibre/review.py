@@ -79,10 +79,11 @@ def platen_gaps(plan: Plan, system: FilamentSystem, displacement: float) -> tupl
     if p.shape != "crimped":
         return FlatPlaten(top - displacement, True), FlatPlaten(bottom, False)
     top_z, bottom_z = crimp_cylinders(plan, top, bottom)
-    upper = CylinderPlaten(p.crimp_centre, top_z - displacement, p.crimp_radius, p.convex)
+    across = plan.level == "section"
+    upper = CylinderPlaten(p.crimp_centre, top_z - displacement, p.crimp_radius, p.convex, across=across)
     lower: Gap = FlatPlaten(bottom, False)
     if p.bottom_crimped:
-        lower = CylinderPlaten(p.crimp_centre, bottom_z, p.crimp_radius, p.convex)
+        lower = CylinderPlaten(p.crimp_centre, bottom_z, p.crimp_radius, p.convex, across=across)
     return upper, lower
 
 
@@ -111,7 +112,10 @@ def review_run(
                 guards.section_energy(curve, extremes.balance),
             ]
     found.append(_motion_guard(plan, curve, None if extremes is None else extremes.balance))
-    start = quasi_static_from(plan, system, curve)
+    found += _stop_guards(plan, curve)
+    # a short first loading may never get there, a later one does
+    starts = (quasi_static_from(plan, system, curve.of(k)) for k in range(1, curve.cycles + 1))
+    start = next((s for s in starts if s is not None), None)
     ratio = None
     if start is None:
         limit = float(plan.motion.quasi_static_force(np.array(np.max(curve["displacement_um"])))) * 1e-9
@@ -233,6 +237,28 @@ def _motion_guard(plan: Plan, curve: Curve, balance: Balance | None) -> Guard:
         f"motion as planned: the platen's path differs from the plan's by {share:.1%}: the deck ran with another time "
         "step, speed or number of steps than its plan; judge such runs by plans of their own",
     )
+
+
+def _stop_guards(plan: Plan, curve: Curve) -> list[Guard]:
+    """Whether earlier stops by force or pressure were met before the loading came to the deepest place planned."""
+    found = []
+    for k, target in enumerate(plan.motion.cycles, start=1):
+        own = curve.of(k)
+        stops = (
+            ("force", target.force * 1e-9, "force_top_N", "N"),
+            ("pressure", target.pressure * 1e-3, "pressure_MPa", "MPa"),
+        )
+        for what, limit, column, unit in stops:
+            if math.isinf(limit) or not own.unloading.any():
+                continue
+            peak = float(np.max(own[column], initial=0.0))
+            name = f"stop of cycle {k}"
+            message = (
+                f"{name}: its {what} came to {peak:.3g} of {limit:.3g} {unit} at the deepest place planned, "
+                f"{target.displacement:.4g} um: filaments gave way; ask for less"
+            )
+            found.append(Guard(name, peak >= limit * (1 - 1e-9), peak, limit, message))
+    return found
 
 
 def _slide_guard(plan: Plan, system: FilamentSystem, frames: Frames) -> Guard:
@@ -423,16 +449,16 @@ def thickness_at(curve: Curve) -> dict[str, float]:
 
 
 def measure_cycle(curve: Curve) -> dict[str, Any]:
-    """One cycle of a curve (:meth:`Curve.of`): where it began, its peak, the thickness at fixed pressures, the work of
-    loading and, where it was unloaded, its permanent set and the loss.
+    """One cycle of a curve (:meth:`Curve.of`): its peak, the thickness at fixed pressures, the work of loading and,
+    where it was unloaded, its permanent set and the loss.
 
-    ``set_um`` is the displacement, from the assembly as built, at which the platen feels nothing on the way back.
+    ``set_um`` is the displacement, from the assembly as built, at which unloading ended: the platen feels nothing any
+    more, or stands where it first touched. The next cycle begins there.
     """
     d, force, thickness = curve["displacement_um"], curve["force_top_N"], curve["thickness_um"]
     peak = int(np.argmax(force))
     loop = compaction.hysteresis(d, force, curve.phase)
     found: dict[str, Any] = {
-        "from_um": float(d[0]),
         "peak_force_N": float(force[peak]),
         "peak_pressure_MPa": float(curve["pressure_MPa"][peak]),
         "thickness_um_at_peak": float(thickness[peak]),
@@ -440,9 +466,11 @@ def measure_cycle(curve: Curve) -> dict[str, Any]:
         "work_J": loop.loading * 1e-6,
     }
     if np.any(curve.unloading):
+        # a row is the mean over its window: unloading went on by half a row
+        end = float(d[-1] + (d[-1] - d[-2]) / 2)
         found |= {
-            "set_um": float(d[-1]),
-            "thickness_um_released": float(thickness[-1]),
+            "set_um": end,
+            "thickness_um_released": float(thickness[-1] + d[-1] - end),
             "loss_J": loop.loss * 1e-6,
             "loss_fraction": loop.fraction,
         }
