@@ -1,4 +1,4 @@
-"""The elastica of a filament under a platen against its linear limit, shooting, and Bisshopp and Drucker's cantilever."""
+"""The elastica of a filament under a platen: linear limit, shooting, Bisshopp and Drucker's cantilever."""
 
 import numpy as np
 import pytest

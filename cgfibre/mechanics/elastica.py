@@ -60,7 +60,7 @@ def spring_law(length: float, EI: float, tension: float, width: float, deepest: 
     end free to slide: M(L/2) = 0. The deflection is that of the edge, z(L/2) - z(edge) = d. Solved by collocation
     (scipy.solve_bvp) from one deflection to the next; d -> 0 gives ``platen_compliance``, P = w = 0 Bisshopp and
     Drucker's cantilever (1945). The edge pushes along z and keeps its x, as platens of segments do. Knots end where
-    there is no further equilibrium (``reach``: a wide platen's filament sags between the edges until it is drawn through,
+    there is no further equilibrium (``reach``: under a wide platen it sags between the edges until it is drawn through,
     0.58 of the free span for 0.5 mm on 0.7 mm), or where the secant stiffness is STEEPEST times the linear one (its
     ends come up to the edges).
 

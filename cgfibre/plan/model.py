@@ -220,7 +220,8 @@ class Plan:
 
     ``depth`` um is the length a section stands for (0 for the other levels); ``springs`` (nN/um, nN um/rad) its
     springs, for small deflections and turns; ``spring_law`` their law for large ones, where it is wanted; ``discs``:
-    "plugin" or "engine", whose fixes hold them; ``stiffen``: their contacts may become so many times stiffer; ``free_span`` um the length that bends beside a finite platen; ``timestep`` us; ``drag`` nN us/um and
+    "plugin" or "engine", whose fixes hold them; ``stiffen``: their contacts may become so many times stiffer;
+    ``free_span`` um the length that bends beside a finite platen; ``timestep`` us; ``drag`` nN us/um and
     ``turning_drag`` nN um us of the background on a contact bead.
     """
 
