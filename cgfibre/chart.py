@@ -56,7 +56,7 @@ _ALONG = (
 )
 _ACROSS = ("model.depth=auto", "model.spring=exact", "model.torsional_spring=exact")
 #: what every run of a chart leaves out
-LOADING_ALONE = ("platens.unload=false", "platens.hold=0 us", "model.speed_check=false")
+LOADING_ALONE = ("platens.cycles=[]", "platens.unload=false", "platens.hold=0 us", "model.speed_check=false")
 
 
 @dataclass(frozen=True)

@@ -242,37 +242,52 @@ class Ends(_Table):
 
 
 class Stop(_Table):
-    """``[platens.stop]``: where loading ends, by exactly one of four measures."""
+    """``[platens.stop]``: where loading ends, by exactly one of five measures.
+
+    ``line_force`` is the force on the platen over its length along the filaments (for a section: over its depth).
+    """
 
     displacement: Annotated[float | None, Value("um", above=0.0, most=1e7)] = None
     thickness: Annotated[float | None, Value("um", above=0.0, most=1e7)] = None
     pressure: Annotated[float | None, Value("kPa", above=0.0, most=1e10)] = None
     force: Annotated[float | None, Value("nN", above=0.0)] = None
+    line_force: Annotated[float | None, Value("nN/um", above=0.0)] = None
 
     @model_validator(mode="after")
     def _exactly_one(self) -> Stop:
-        given = [key for key in type(self).model_fields if getattr(self, key) is not None]
+        given = [key for key in Stop.model_fields if getattr(self, key) is not None]
         if len(given) != 1:
-            expected = "exactly one of displacement, thickness, pressure or force"
+            expected = "exactly one of displacement, thickness, pressure, force or line_force"
             raise refusal("", Abridged("{" + ", ".join(given) + "}") if given else NOT_GIVEN, expected)
         return self
 
     @property
     def kind(self) -> str:
-        """Which of the four measures is given."""
-        return next(key for key in type(self).model_fields if getattr(self, key) is not None)
+        """Which of the five measures is given."""
+        return next(key for key in Stop.model_fields if getattr(self, key) is not None)
 
     @property
     def value(self) -> float:
-        """Its value: um, kPa or nN."""
+        """Its value: um, kPa, nN or nN/um."""
         return float(getattr(self, self.kind))
+
+
+class Cycle(Stop):
+    """A row of ``platens.cycles``: an earlier stop, ``times`` over."""
+
+    times: Annotated[int, Value(whole=True, least=1, most=1000)] = 1
+
+
+def _rows(data: Any) -> Any:
+    return tuple(data) if isinstance(data, list) else data
 
 
 class Platens(_Table):
     """``[platens]``: the tools above and below, their motion and where it ends.
 
     ``width`` is along the filaments; ``bottom_width`` is the top's where not given. ``friction`` is that between
-    filament and platen.
+    filament and platen. ``cycles`` are earlier stops: the assembly is loaded to each and unloaded, till the platen
+    feels nothing, before it is loaded to ``stop``, held there and (``unload``) unloaded.
     """
 
     shape: Literal["flat", "crimped"] = "flat"
@@ -283,6 +298,7 @@ class Platens(_Table):
     curvature: Literal["convex", "concave"] = "convex"
     friction: Friction = 0.3
     speed: AutoSpeed = "auto"
+    cycles: Annotated[tuple[Cycle, ...], BeforeValidator(_rows)] = ()
     stop: Stop
     hold: TimeOrZero = 0.0
     unload: bool = False
@@ -503,7 +519,13 @@ def _check_tension(scene: Scene) -> None:
 
 
 def _check_stop(scene: Scene) -> None:
-    stop, diameter, height = scene.platens.stop, scene.filament.diameter, _height(scene)
+    for i, cycle in enumerate(scene.platens.cycles):
+        _check_one_stop(scene, f"platens.cycles.{i}", cycle)
+    _check_one_stop(scene, "platens.stop", scene.platens.stop)
+
+
+def _check_one_stop(scene: Scene, key: str, stop: Stop) -> None:
+    diameter, height = scene.filament.diameter, _height(scene)
     # filaments can spread until they lie side by side, one diameter thick; a single one only dents
     thinnest = diameter if scene.assembly.count > 1 else 0.5 * diameter
     if stop.displacement is not None and stop.displacement > height - thinnest:
@@ -511,10 +533,10 @@ def _check_stop(scene: Scene) -> None:
             f"at most {_length_um(height - thinnest)}: the bundle is {_length_um(height)} high and no thinner than "
             f"{_length_um(thinnest)}"
         )
-        raise refusal("platens.stop.displacement", stop._shown("displacement"), expected)
+        raise refusal(f"{key}.displacement", stop._shown("displacement"), expected)
     if stop.thickness is not None and not thinnest <= stop.thickness < height:
         expected = f"from {_length_um(thinnest)} (solid filaments side by side) to below the {_length_um(height)} built"
-        raise refusal("platens.stop.thickness", stop._shown("thickness"), expected)
+        raise refusal(f"{key}.thickness", stop._shown("thickness"), expected)
 
 
 def _check_widths(scene: Scene) -> None:

@@ -86,6 +86,7 @@ def _density(mass: FloatArray, diameter: FloatArray) -> FloatArray:
 
 
 MAX_BINS = 3e5
+NEVER = 1e300  # a stop that does not come
 
 
 def _bin_size(system: FilamentSystem) -> float:
@@ -138,6 +139,11 @@ def _common(system: FilamentSystem, plan: Plan) -> dict[str, float | int | str]:
         "block_steps": s.block,
         "near_um": NEAR * float(np.max(system.diameter)),
     }
+    if m.cycles:
+        values |= {"cycles": len(m.cycles), "stop_displacement_um": m.planned_displacement}
+        for name in ("displacement_um", "force_nN", "pressure_kPa"):
+            each = (getattr(target, name.rpartition("_")[0]) for target in m.cycles)
+            values[f"cycle_{name}"] = "[" + ",".join(repr(min(x, NEVER)) for x in each) + "]"
     if math.isfinite(m.stop_force):
         values["stop_force_nN"] = m.stop_force
     if math.isfinite(m.stop_pressure):

@@ -86,7 +86,7 @@ def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) 
     bodies = Bodies(
         depths_below_top(out.centres), out.pitch, stiffness, frequency, contact.tangent_kn, mass, len(out.centres)
     )
-    motion, sampling, motion_choices = plan_motion(scene, bodies, timestep, out.displacement)
+    motion, sampling, motion_choices = plan_motion(scene, bodies, timestep, out.displacement, out.earlier, depth)
     choices += motion_choices
     beads = Beads(
         stations=np.zeros(1),
