@@ -138,7 +138,9 @@ def test_a_cycle_is_a_curve_of_its_own(bench):
         own = curve.of(k)
         assert own.loading[0] and own.cycles == 1
         assert np.all(np.diff(own["displacement_um"][own.loading]) >= 0)
-        assert own["step"][0] == curve["step"][curve.cycle == k - 1][-1], "it begins with the last row of the one before"
+        assert own["step"][0] == curve["step"][curve.cycle == k - 1][-1], (
+            "it begins with the last row of the one before"
+        )
     first, last = np.flatnonzero(curve.cycle == 2)[[0, -1]]
     assert curve.of(2)["work_J"][-1] - curve.of(2)["work_J"][0] == work[last] - work[first - 1]
 

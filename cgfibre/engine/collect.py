@@ -100,7 +100,9 @@ def frames_of(folder: Path, system: FilamentSystem, plan: Plan, raw: RawRecord) 
         found[step] = whole_of(positions, system, plan)
     steps = np.array(sorted(found), dtype=np.int64)
     stacked = np.stack([found[s] for s in steps.tolist()]) if found else np.empty((0, system.n_beads, 3))
-    displacement = np.interp(steps, _with_start(0.0, raw.step.astype(float)), _with_start(0.0, raw.state["displacement"]))
+    displacement = np.interp(
+        steps, _with_start(0.0, raw.step.astype(float)), _with_start(0.0, raw.state["displacement"])
+    )
     return Frames(steps, displacement, stacked)
 
 
