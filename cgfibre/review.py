@@ -79,10 +79,11 @@ def platen_gaps(plan: Plan, system: FilamentSystem, displacement: float) -> tupl
     if p.shape != "crimped":
         return FlatPlaten(top - displacement, True), FlatPlaten(bottom, False)
     top_z, bottom_z = crimp_cylinders(plan, top, bottom)
-    upper = CylinderPlaten(p.crimp_centre, top_z - displacement, p.crimp_radius, p.convex)
+    across = plan.level == "section"
+    upper = CylinderPlaten(p.crimp_centre, top_z - displacement, p.crimp_radius, p.convex, across=across)
     lower: Gap = FlatPlaten(bottom, False)
     if p.bottom_crimped:
-        lower = CylinderPlaten(p.crimp_centre, bottom_z, p.crimp_radius, p.convex)
+        lower = CylinderPlaten(p.crimp_centre, bottom_z, p.crimp_radius, p.convex, across=across)
     return upper, lower
 
 
@@ -406,16 +407,16 @@ def thickness_at(curve: Curve) -> dict[str, float]:
 
 
 def measure_cycle(curve: Curve) -> dict[str, Any]:
-    """One cycle of a curve (:meth:`Curve.of`): where it began, its peak, the thickness at fixed pressures, the work of
-    loading and, where it was unloaded, its permanent set and the loss.
+    """One cycle of a curve (:meth:`Curve.of`): its peak, the thickness at fixed pressures, the work of loading and,
+    where it was unloaded, its permanent set and the loss.
 
-    ``set_um`` is the displacement, from the assembly as built, at which the platen feels nothing on the way back.
+    ``set_um`` is the displacement, from the assembly as built, at which unloading ended: the platen feels nothing any
+    more, or stands where it first touched. The next cycle begins there.
     """
     d, force, thickness = curve["displacement_um"], curve["force_top_N"], curve["thickness_um"]
     peak = int(np.argmax(force))
     loop = compaction.hysteresis(d, force, curve.phase)
     found: dict[str, Any] = {
-        "from_um": float(d[0]),
         "peak_force_N": float(force[peak]),
         "peak_pressure_MPa": float(curve["pressure_MPa"][peak]),
         "thickness_um_at_peak": float(thickness[peak]),
@@ -423,9 +424,11 @@ def measure_cycle(curve: Curve) -> dict[str, Any]:
         "work_J": loop.loading * 1e-6,
     }
     if np.any(curve.unloading):
+        # a row is the mean over its window: unloading went on by half a row
+        end = float(d[-1] + (d[-1] - d[-2]) / 2)
         found |= {
-            "set_um": float(d[-1]),
-            "thickness_um_released": float(thickness[-1]),
+            "set_um": end,
+            "thickness_um_released": float(thickness[-1] + d[-1] - end),
             "loss_J": loop.loss * 1e-6,
             "loss_fraction": loop.fraction,
         }

@@ -288,6 +288,10 @@ class Platens(_Table):
     ``width`` is along the filaments; ``bottom_width`` is the top's where not given. ``friction`` is that between
     filament and platen. ``cycles`` are earlier stops: the assembly is loaded to each and unloaded, till the platen
     feels nothing, before it is loaded to ``stop``, held there and (``unload``) unloaded.
+
+    A crimped platen is a cylinder whose surface leans by ``crimp_angle`` at its edges: along the filaments at those of
+    its width; in a section, which has no length, across them at half of ``crimp_width`` (auto: of the assembly's width
+    as built) from the middle.
     """
 
     shape: Literal["flat", "crimped"] = "flat"
@@ -295,6 +299,7 @@ class Platens(_Table):
     bottom_width: Annotated[float | Literal["full"] | None, Value("um", words=("full",), above=0.0, most=1e7)] = None
     crimp_angle: Annotated[float | None, Value("rad", above=0.0, below=math.pi / 4.0)] = None
     crimp_side: Literal["both", "top"] = "both"
+    crimp_width: AutoLength = "auto"
     curvature: Literal["convex", "concave"] = "convex"
     friction: Friction = 0.3
     speed: AutoSpeed = "auto"
@@ -308,12 +313,8 @@ class Platens(_Table):
         if self.shape == "crimped":
             if self.crimp_angle is None:
                 raise refusal("crimp_angle", NOT_GIVEN, _field_value(Platens, "crimp_angle").expected)
-            if self.width == "full":
-                raise refusal("width", "full", "a length such as '0.5 mm': the arc of a crimped platen has an end")
-            if self.crimp_side == "both" and self.bottom_width == "full":
-                raise refusal("bottom_width", "full", "a length such as '0.5 mm', or crimp_side = 'top'")
             return self
-        for key in ("crimp_angle", "crimp_side", "curvature"):
+        for key in ("crimp_angle", "crimp_side", "crimp_width", "curvature"):
             if getattr(self, key) != type(self).model_fields[key].default:
                 raise refusal(key, self._shown(key), "no such key with shape = 'flat' (or shape = 'crimped')")
         return self
@@ -551,6 +552,21 @@ def _check_widths(scene: Scene) -> None:
             raise refusal(f"platens.{key}", scene.platens._shown(key), expected)
 
 
+def _check_crimp(scene: Scene) -> None:
+    """A crimped platen is curved along the filaments, over its width; in a section across them."""
+    platens = scene.platens
+    if platens.shape != "crimped" or scene.model.level == "section":
+        return
+    if platens.width == "full":
+        expected = "a length such as '0.5 mm': the arc of a crimped platen has an end"
+        raise refusal("platens.width", "full", expected)
+    if platens.crimp_side == "both" and platens.bottom_width == "full":
+        raise refusal("platens.bottom_width", "full", "a length such as '0.5 mm', or crimp_side = 'top'")
+    if platens.crimp_width != "auto":
+        expected = "no such key but with level = 'section': elsewhere platens.width is what is curved"
+        raise refusal("platens.crimp_width", platens._shown("crimp_width"), expected)
+
+
 def _check_spacing(scene: Scene) -> None:
     spacing, diameter, length = scene.model.spacing, scene.filament.diameter, scene.assembly.length
     alone = scene.assembly.count == 1 or scene.contact.shape != "beads"
@@ -625,8 +641,6 @@ def _check_section(scene: Scene) -> None:
         raise refusal("assembly.twist", bundle._shown("twist"), f"0: {none_along}")
     if bundle.migration is not None:
         raise refusal("assembly.migration", Abridged("{...}"), f"no such table: {none_along}")
-    if scene.platens.shape != "flat":
-        raise refusal("platens.shape", scene.platens.shape, f"'flat': {none_along}")
     if scene.model.far_field in ("graded", "condensed"):
         raise refusal("model.far_field", scene.model.far_field, f"'auto' or 'none': {none_along}")
     periodic = scene.ends.support == "symmetry" and scene.platens.width == "full"
@@ -650,6 +664,7 @@ Scene.CHECKS = (
     _check_tension,
     _check_stop,
     _check_widths,
+    _check_crimp,
     _check_spacing,
     _check_torsion,
     _check_far_field,

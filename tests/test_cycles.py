@@ -12,6 +12,7 @@ from cgfibre.engine.dump import read_record, read_states
 from cgfibre.engine.lammps import find_engine, run_deck
 from cgfibre.errors import EngineError, InputError
 from cgfibre.plan.make import make_plan
+from cgfibre.plan.model import film_time
 from cgfibre.scene import load_scene, scene_from_dict
 
 TWICE = 'platens.cycles=[{displacement="2 um"}, {line_force="0.1 N/mm"}]'
@@ -55,7 +56,8 @@ def test_each_leg_ends_at_its_own_stop_and_begins_where_contact_was_lost(bench):
     place, leg, phase = raw.state["displacement"], raw.mean["leg"], raw.mean["phase"]
     ends = [place[(leg == k) & (phase == 0)][-1] for k in (1, 2, 3, 4, 5)]
     height = curve["thickness_um"][0]
-    assert [*ends[:2], ends[3]] == pytest.approx([1, 1, height - 18.5], rel=1e-9)
+    assert ends[:2] == pytest.approx([1, 1], rel=1e-9)
+    assert ends[3] == pytest.approx(height - 18.5, abs=0.02), "thickness counts from the height without jitter"
     force = raw.mean["top_force"]
     for k, limit in ((3, 1e5 * 70), (5, 1.2e7)):  # 0.1 N/mm on 70 um
         loading = force[(leg == k) & (phase == 0)]
@@ -73,20 +75,27 @@ def test_each_leg_ends_at_its_own_stop_and_begins_where_contact_was_lost(bench):
 
 def test_a_grown_speed_starts_anew_with_every_loading(bench):
     """v = first (1 + e/growth), e counted from where contact was lost; unloading goes back along the same law."""
-    run = bench.run("run", 'platens.cycles=[{displacement="3 um"}]', "platens.speed=auto", "model.accuracy=0.2")
+    run = bench.run("run", 'platens.cycles=[{displacement="3 um"}]', "platens.speed=auto", "output.samples=100")
     _, plan = workflow.plan_scene(run.out / "scene.toml")
     m, raw = plan.motion, read_record(run.out / "deck")
     assert m.last > 1.5 * m.first
-    place, leg, phase = raw.state["displacement"], raw.mean["leg"], raw.mean["phase"]
-    window = plan.sampling.sample * plan.timestep
-    for which in ((leg == 1) & (phase == 2), (leg == 2) & (phase == 0)):
-        d = place[which]
-        origin = 0.0 if phase[which][0] == 2 else place[(leg == 1)][-1]
-        depth = 0.5 * (d[1:] + d[:-1]) - origin
-        speed = np.minimum(m.first * (1 + depth / m.growth), m.last)
-        # the last window of a leg may be slower; within a block the speed is even
-        late = slice(1, -2)
-        assert np.abs(np.diff(d) / window)[late] == pytest.approx(speed[late], rel=0.1)
+    place, leg, phase, time = raw.state["displacement"], raw.mean["leg"], raw.mean["phase"], raw.state["time"]
+    turn, lost = (np.flatnonzero((leg == 1) & (phase == p))[-1] for p in (0, 2))
+
+    def law(depth):
+        return film_time(m.first, m.last, m.growth, depth)
+
+    def after(begin, which):
+        """Rows at the ends of blocks (within one the speed is even) but the last: it may be slower."""
+        rows = np.flatnonzero(which)
+        return rows[(raw.step[rows] - raw.step[begin]) % plan.sampling.block == 0][:-1]
+
+    rows = after(turn, (leg == 1) & (phase == 2))
+    back = [law(place[turn]) - law(place[i]) for i in rows]
+    assert time[rows] - time[turn] == pytest.approx(back, rel=1e-9) and len(rows) > 2
+    rows = after(lost, (leg == 2) & (phase == 0))
+    again = [law(place[i] - place[lost]) for i in rows]
+    assert time[rows] - time[lost] == pytest.approx(again, rel=1e-9) and len(rows) > 2
 
 
 def loop(run, cycle):
@@ -109,14 +118,13 @@ def test_an_elastic_cycle_closes(bench, level):
         assert found["set_um"] < 0.02
 
 
-def test_with_friction_a_cycle_loses_energy_and_the_next_less(bench):
-    """Seven discs: the first loading rearranges them, the second one to the same force goes over compacted ground."""
-    cycle = 'platens.cycles=[{force="0.01 N"}]'
-    lossy = ("platens.speed=0.05 m/s", "platens.stop.force=0.01 N", "output.samples=200", "platens.unload=true")
-    run = bench.run("friction", "model.level=section", cycle, *lossy)
+@pytest.mark.parametrize(("mu", "least", "most"), [(0.0, -0.002, 0.01), (0.3, 0.15, 0.3)])
+def test_seven_discs_lose_energy_in_every_cycle_by_friction_alone(bench, mu, least, most):
+    friction = (f"contact.friction={mu}", f"platens.friction={mu}", "platens.speed=0.1 m/s", "platens.unload=true")
+    run = bench.run("run", "model.level=section", 'platens.cycles=[{displacement="4 um"}]', *friction)
     (first, a), (second, b) = loop(run, 1), loop(run, 2)
-    assert first > 0.1 and 0 < second < first
-    assert a["peak_force_N"] == pytest.approx(b["peak_force_N"], rel=0.05)
+    assert least < first < most and least < second < most
+    assert a["peak_force_N"] == pytest.approx(b["peak_force_N"], rel=0.02), "their springs bring them back"
 
 
 def test_the_columns_of_cycles_are_there_only_where_there_are_cycles(bench, finished):

@@ -142,7 +142,9 @@ def test_grips_of_a_graded_rod_lie_in_the_box(tiny, tmp_path):
 # --- decks ----------------------------------------------------------------------------------------------------------
 
 
-def all_lines(name, shapes=("flat", "crimped", "section"), supports=("simple", "condensed", "periodic")):
+def all_lines(
+    name, shapes=("flat", "crimped", "section", "section_crimped"), supports=("simple", "condensed", "periodic")
+):
     """Text of a deck with every include it could take."""
     files = set()
     for shape in shapes:

@@ -100,7 +100,11 @@ class Contact:
 @dataclass(frozen=True)
 class Platens:
     """Platens: stiffness and damping a bead (capsules: per length of contact, with the softened E* of the line contact
-    as ``modulus``), friction, and the spans along x of the top and the bottom one, um (None: no edge)."""
+    as ``modulus``), friction, and the spans along x of the top and the bottom one, um (None: no edge).
+
+    Crimped ones are cylinders: the axis lies across the filaments at x = ``crimp_centre``, of a section along them at
+    y = ``crimp_centre`` (um).
+    """
 
     shape: str
     kn: float
