@@ -314,8 +314,9 @@ def _lines(found: Found) -> list[plot_study.Line]:
                 continue
             x = e.x if by_load else e.x / unit
             of = unit if by_load else 1.0
-            line = plot_study.Line(case.label, branch, x, e.mean / of, e.ci / of, e.sd / of)
-            lines.append(line)
+            # of two samples Student's interval is nine times their range: it would hide the curves
+            band = e.ci if e.n > 2 else e.sd / np.sqrt(2)
+            lines.append(plot_study.Line(case.label, branch, x, e.mean / of, band / of, e.n))
     return lines
 
 
