@@ -1,4 +1,4 @@
-"""The studies in docs/sections.md and docs/figures/section-*.png: those of section 7.5 of the thesis, by `cgfibre study`.
+"""The studies in docs/sections.md and docs/figures/section-*.png: section 7.5 of the thesis, by `cgfibre study`.
 
 python analysis/section_studies.py [STUDY ...] [--runs FOLDER] [--jobs N] [--full]
 

@@ -51,9 +51,9 @@ class StudyView:
 
 
 def plot_study(ax: Axes, lines: Sequence[Line], view: StudyView) -> Axes:
-    """Load against thickness or displacement, a colour a case; bands are the 95 % confidence of the mean (two samples: their range).
+    """Load against thickness or displacement, a colour a case; bands are the 95 % confidence of the mean.
 
-    First loading full, unloading broken, loading again dotted.
+    Of two samples bands are their range. First loading full, unloading broken, loading again dotted.
     """
     labels = list(dict.fromkeys(line.label for line in lines))
     many = view.ordered or len(labels) > len(COLOURS)
