@@ -33,9 +33,9 @@ STARTS = {127: 5, 169: 5, 331: 5, 547: 4, TOW: 1}
 #: a span of 2 mm: springs so soft that not even those of the whole tow press its filaments into each other
 SPAN, SHORT = "2 mm", "0.7 mm"
 COMMON = ("assembly.jitter=0.3 um", "platens.unload=false", "model.accuracy=0.1")
-STEPS = {127: 200_000, 169: 200_000, 331: 200_000, 547: 200_000, TOW: 300_000}
+STEPS = {127: 200_000, 169: 200_000, 331: 200_000, 547: 200_000, TOW: 201_000}
 #: states compared, all of loading: shares of the initial thickness, pressures in MPa
-REDUCTIONS, PRESSURES = (0.2, 0.3, 0.5), (0.03,)
+REDUCTIONS, PRESSURES = (0.2, 0.3, 0.5), (0.1,)
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,9 @@ class State:
 
 
 def planned(out: Path, count: int, start: int, span: str = SPAN) -> SweepRun:
-    """The run of one start to half the height (the whole tow: 300 um of 1002)."""
+    """The run of one start to half the height (the whole tow: to a fifth of it)."""
     height = 2 * PITCH * round((np.sqrt(12 * count - 3) - 3) / 6) + D
-    depth = 300.0 if count == TOW else 0.51 * height
+    depth = 201.0 if count == TOW else 0.51 * height
     scene = "carbon-12k-section" if count == TOW else "carbon-547-section"
     own = () if count == TOW else (f"assembly.count={count}", f"assembly.seed={start}", "output.frames=120")
     asked = (f"assembly.length={span}", f"platens.stop.displacement={depth:.6g} um", f"model.most_steps={STEPS[count]}")
@@ -142,9 +142,10 @@ def change(found: dict[int, list[dict[str, State]]], name: str, quantity: str, f
 def against_count(found: dict[int, list[dict[str, State]]]) -> None:
     """docs/figures/distribution-count.png: mean, s.d. and quality of the fit against count, before and after."""
     fig = plot.new_figure(10.5, 7.0)
-    axes = fig.subplots(2, 3, sharex=True)
+    with plot.style():
+        axes = fig.subplots(2, 3, sharex=True)
     rows = (("sd {}", "S.d. of the normalised {} (1)"), ("mean {}", "Mean of the normalised {} (1)"))
-    shown = (("before", plot.GREY), ("-20%", plot.BLUE), ("-50%", plot.VERMILION), ("0.03 MPa", plot.GREEN))
+    shown = (("before", plot.GREY), ("-20%", plot.BLUE), ("-50%", plot.VERMILION), ("0.1 MPa", plot.GREEN))
     panels = [(axes[i, k], q.format(x), t.format(x)) for i, (q, t) in enumerate(rows) for k, x in enumerate("yz")]
     panels += [
         (axes[0, 2], "KS y", "KS distance of y from a Gaussian (1)"),
@@ -160,7 +161,12 @@ def against_count(found: dict[int, list[dict[str, State]]]) -> None:
             half = np.array([v[1] for v in values.values()])
             series.append(
                 plot_section.CountSeries(
-                    name.replace("-", "−"), np.array(list(values), float), means, half, colour, name.endswith("MPa")
+                    name.replace("-20%", "pressed by 20 %").replace("-50%", "pressed by 50 %"),
+                    np.array(list(values), float),
+                    means,
+                    half,
+                    colour,
+                    name.endswith("MPa"),
                 )
             )
         plot_section.plot_against_count(ax, series, label)
@@ -175,7 +181,8 @@ def voids_map(pairs: Sequence[tuple[str, State]], name: str, window: float, cell
     high = np.max([s.centres.max(axis=0) for _, s in pairs], axis=0) + D
     width = 4.3
     fig = plot.new_figure(width * panels + 1.6, 2 * (width * float((high[1] - low[1]) / (high[0] - low[0])) + 0.5))
-    axes = fig.subplots(2, panels, sharex=True, sharey=True, squeeze=False)
+    with plot.style():
+        axes = fig.subplots(2, panels, sharex=True, sharey=True, squeeze=False)
     maps = [fraction_map(s.centres, D, cell, window, box=np.stack([low, high], axis=1)) for _, s in pairs]
     dense = plot.Colours("fibre volume fraction", 0.0, max(float(m.fraction.max()) for m in maps))
     top = float(np.quantile(np.concatenate([s.voids.radius for _, s in pairs]), 0.995))
@@ -227,7 +234,7 @@ def main() -> None:
     voids_map(pairs, "distribution-127.png", 3 * D, D / 8)
     if not arguments.without_tow:
         tow = found[TOW][0]
-        pairs = [("11 719 filaments, as built", tow["before"]), ("pressed by 30 %", tow["-30%"])]
+        pairs = [("11 719 filaments, as built", tow["before"]), ("pressed by 20 %", tow["-20%"])]
         voids_map(pairs, "distribution-12k.png", 5 * D, D / 2)
 
 

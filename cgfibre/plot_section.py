@@ -224,6 +224,8 @@ class CountSeries:
 
 def plot_against_count(ax: Axes, series: Sequence[CountSeries], label: str) -> Axes:
     """Ensemble means with their confidence bands against filament count, logarithmic; rings are single samples."""
+    from matplotlib.ticker import NullFormatter
+
     with style():
         for s in series:
             known = np.isfinite(s.half_width)
@@ -231,6 +233,7 @@ def plot_against_count(ax: Axes, series: Sequence[CountSeries], label: str) -> A
             ax.errorbar(s.count[known], s.mean[known], s.half_width[known], fmt="o", color=s.colour, ms=4.5, capsize=3)
             ax.plot(s.count[~known], s.mean[~known], "o", color=s.colour, mfc="white", ms=6, mew=1.5)
         ax.set_xscale("log")
+        ax.xaxis.set_minor_formatter(NullFormatter())
         ax.set_xlabel("Filaments (1)")
         ax.set_ylabel(label)
     return ax
