@@ -170,7 +170,7 @@ def against_count(found: dict[int, list[dict[str, State]]]) -> None:
                 )
             )
         plot_section.plot_against_count(ax, series, label)
-    axes[0, 0].legend(fontsize=9)
+    axes[0, 0].legend(fontsize=9, frameon=False)
     fig.savefig(FIGURES / "distribution-count.png")
 
 
@@ -199,7 +199,7 @@ def voids_map(pairs: Sequence[tuple[str, State]], name: str, window: float, cell
     for row, scale in ((0, dense), (1, open_)):
         bar = fig.colorbar(scale.mappable(), ax=list(axes[row]), shrink=0.9, pad=0.015, aspect=22)
         bar.set_label(scale.label)
-    fig.savefig(FIGURES / name)
+    fig.savefig(FIGURES / name, dpi=90)
 
 
 def main() -> None:

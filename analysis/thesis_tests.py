@@ -202,7 +202,7 @@ def draw(found: dict[Case, list[Curve]]) -> None:
     right.set_xlabel("Fibre volume fraction between the platens (1)")
     right.axvline(np.pi / (2 * np.sqrt(3)), color=plot.INK, lw=0.9, ls=":")
     right.text(0.9, 0.035, "hexagonal 0.907", rotation=90, ha="right", va="bottom", fontsize=9)
-    fig.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=9)
+    fig.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=9, frameon=False)
     fig.savefig(FIGURES / "thesis-tests.png")
 
 
