@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Section:
     """One section to draw: ``centres`` (n, 2) y and z um, ``diameter`` um (one or n), heights of the platens' faces,
-    and optionally ``values`` (n,) for the colour and a ``title``. A face None: that platen is not there."""
+    and optionally ``values`` (n,) for the colour and a ``title``. A face None: that platen is not there. ``faces`` are
+    curved faces, (m, 2) points of y and z each."""
 
     centres: FloatArray
     diameter: float | FloatArray
@@ -31,6 +32,7 @@ class Section:
     z_top: float | None = None
     values: FloatArray | None = None
     title: str = ""
+    faces: tuple[FloatArray, ...] = ()
 
 
 def _section_limits(sections: Sequence[Section]) -> tuple[float, float, float, float]:
@@ -40,6 +42,7 @@ def _section_limits(sections: Sequence[Section]) -> tuple[float, float, float, f
         low = np.minimum(low, np.nanmin(s.centres - r, axis=0))
         high = np.maximum(high, np.nanmax(s.centres + r, axis=0))
         platens = [z for z in (s.z_bottom, s.z_top) if z is not None]
+        platens += [float(z) for curved in s.faces for z in (curved[:, 1].min(), curved[:, 1].max())]
         low[1], high[1] = min([low[1], *platens]), max([high[1], *platens])
     pad = 0.05 * max(high - low)
     bar = min(0.07 * max(high - low), 0.3 * (high[1] - low[1]))
@@ -89,6 +92,8 @@ def plot_section(ax: Axes, section: Section, colours: Colours | None = None) -> 
                 bar = (y0 - deep, z + base), y1 - y0 + 2 * deep, deep
                 ax.add_patch(Rectangle(*bar, facecolor="#ECECEC", edgecolor="#A0A0A0", hatch="////", lw=0))
                 ax.axhline(z, color=INK, lw=1.4)
+        for curved in section.faces:
+            ax.plot(*curved.T, color=INK, lw=1.8)
         ax.set_aspect("equal")
         ax.grid(False)
         ax.set_xlabel("y (µm)")

@@ -106,7 +106,7 @@ def load_of(curve: Curve, kind: str, depth: float) -> FloatArray:
 
 def branches_of(curve: Curve, load: FloatArray) -> dict[str, Branch]:
     """The branches in their order, each from the turning point on: "loading", "unloading", "loading 2", ..."""
-    phase = np.where(curve.unloading, 2, np.where(curve.loading, 0, 1))
+    phase = curve.phase  # of every cycle
     ends = np.flatnonzero(np.diff(phase)) + 1
     found: dict[str, Branch] = {}
     counts = {"loading": 0, "unloading": 0}
