@@ -120,7 +120,7 @@ def table(found: dict[int, list[dict[str, State]]]) -> str:
 
 
 def spans(out: Path, found: dict[int, list[dict[str, State]]], jobs: int) -> list[str]:
-    """The section of 127 on springs 22 times as stiff: rigid discs would move alike, whatever their springs."""
+    """The section of 127 on springs 24 times as stiff: rigid discs would move alike, whatever their springs."""
     runs = [planned(out, 127, s + 1, SHORT) for s in range(len(found[127]))]
     failed = run_all(runs, SweepOptions(jobs, resume=True, trim=True))
     both = {127: found[127], -127: [states(r.folder) for r in runs if r.folder not in failed]}
