@@ -143,7 +143,8 @@ def plot_curve(ax: Axes, curve: Curve, view: CurveView | None = None, label: str
                 text = f"{label}: {name}" if label else name
                 ax.plot(x[part], y[part], color=colour, alpha=alpha, label="" if early or returning else text, **look)
         if curve.cycles > 1:
-            ax.plot([], [], color=GREY, lw=1.2, alpha=0.75, label=f"loadings 1 to {curve.cycles - 1}")
+            before = "loading 1" if curve.cycles == 2 else f"loadings 1 to {curve.cycles - 1}"
+            ax.plot([], [], color=GREY, lw=1.2, alpha=0.75, label=before)
         error, source = view.speed_error, "halving the platen speed"
         if view.certified is not None:
             error, source = view.certified, "certificate"
