@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 #: cases without an order: Okabe and Ito
 COLOURS = (BLUE, VERMILION, GREEN, "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 NAMES = {"line_force": "Force per width", "pressure": "Pressure", "force": "Force on the platen"}
+WIDE = 30.0  # from this ratio on what varies has a logarithmic axis
 BROKEN, DOTTED = (0, (4, 1.6)), (0, (1, 1.4))
 
 
@@ -141,6 +142,9 @@ def plot_values(ax: Axes, series: Sequence[Points], xlabel: str) -> Axes:
         ax.set_xlabel(xlabel[:1].upper() + xlabel[1:])
         ax.set_ylabel("Thickness (µm)")
         ax.set_ylim(bottom=0)
+        x = np.concatenate([p.x for p in series])
+        if x.min() > 0 and x.max() / x.min() > WIDE:
+            ax.set_xscale("log")
         ax.margins(x=0.04)
     return ax
 
