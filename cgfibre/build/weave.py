@@ -66,8 +66,8 @@ def tow_system(woven: Woven, types: FilamentType | tuple[FilamentType, FilamentT
     (warp, weft) tows; ``spacing`` um, largest distance of beads along the tow, with a bead on every crossing
     (:func:`stations`). Periodic: closed chains in a cell periodic along x and y. Prestrain is 0.
     Chords between beads dip into the tow they cross, by about (kappa s)^2 D / 4 for curvature kappa: a spec's gap is
-    opened by what overlaps until less than :data:`CLEAR` of the thickness is left. Provenance: the spec, the gap added
-    and the largest overlap as built. Raises :class:`InputError` for a diameter above
+    opened by what overlaps until less than :data:`CLEAR` of the thickness is left; given paths are stretched in height.
+    Provenance: the spec, the gap or stretch, and the largest overlap as built. Raises :class:`InputError` for a diameter above
     the tow's thickness, and as :func:`weave_paths`.
     """
     kinds = _kinds(types)
@@ -206,18 +206,22 @@ def _turns(path: TowPath, twist: float) -> float:
 
 
 def _cleared(woven: Woven, build: Callable[[Woven], FilamentSystem]) -> FilamentSystem:
-    """The system with the gap opened until no tows overlap by more than :data:`CLEAR`; paths as they are."""
+    """The system with a spec's gap opened, or paths' heights stretched, until tows overlap by :data:`CLEAR` at most."""
     system = build(woven)
-    if not isinstance(woven, WeaveSpec):
-        return system
-    gap, limit = woven.gap, CLEAR * min(woven.warp.thickness, woven.weft.thickness)
+    shapes = [woven.warp, woven.weft] if isinstance(woven, WeaveSpec) else [path.shape for path in woven[0]]
+    thickness = min(shape.thickness for shape in shapes)
+    gap, stretch = 0.0, 1.0
     for _ in range(ROUNDS):
         overlap = initial_overlap(system, between_tows=True)[0]
-        if overlap <= limit:
+        if overlap <= CLEAR * thickness:
             break
-        gap += 1.01 * overlap
-        system = build(replace(woven, gap=gap))
-    return replace(system, provenance={**system.provenance, "gap_added_um": gap - woven.gap})
+        gap, stretch = gap + 1.01 * overlap, stretch + 1.01 * overlap / thickness
+        if isinstance(woven, WeaveSpec):
+            system = build(replace(woven, gap=woven.gap + gap))
+        else:
+            system = build(([path.stretched(stretch) for path in woven[0]], woven[1]))
+    opened = {"gap_added_um": gap} if isinstance(woven, WeaveSpec) else {"height_stretch": stretch}
+    return replace(system, provenance={**system.provenance, **opened})
 
 
 def _racetrack(shape: TowShape) -> TowShape:
