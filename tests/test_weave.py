@@ -66,7 +66,7 @@ def test_a_section_agrees_with_its_outline(section):
     assert np.abs(z[inner]) == pytest.approx(s.half_thickness_at(y[inner]), abs=2e-3 * T)
     for a in (0.0, 0.3, 1.0, 1.5):
         n = np.array([np.sin(a), np.cos(a)])
-        assert s.support(n) == pytest.approx(np.max(ring @ n), rel=1e-4)
+        assert s.support(n) == pytest.approx(np.max(ring @ n), rel=1e-3)  # no point on a corner
         assert s.edge(a) @ n == pytest.approx(s.support(n), rel=1e-12)
     assert s.contains(0.99 * ring).all() and not s.contains(1.01 * ring).any()
     assert not s.contains(0.99 * ring, margin=0.02 * s.width).any()
@@ -74,7 +74,7 @@ def test_a_section_agrees_with_its_outline(section):
 
 def test_distance_from_a_round_section_is_exact():
     points = np.random.default_rng(0).normal(size=(200, 2)) * T
-    assert ROUND.signed_distance(points) == pytest.approx(np.hypot(*points.T) - 0.5 * T, abs=2e-5 * T)
+    assert ROUND.signed_distance(points) == pytest.approx(np.hypot(*points.T) - 0.5 * T, abs=1e-7 * T)
 
 
 @pytest.mark.parametrize(
@@ -144,10 +144,10 @@ def test_taut_round_weave_is_peirces():
     s = spec(spacing=p, path="taut")
     geometry = weave_geometry(s)
     a = geometry.crimp_angle[0]
-    # Peirce: p = (l - D a) cos a + D sin a;  h = (l - D a) sin a + D (1 - cos a), D the sum of the thicknesses / 2
+    # Peirce: p = (l - D a) cos a + D sin a;  2 h = (l - D a) sin a + D (1 - cos a), D the sum of the thicknesses
     length = p * (1.0 + geometry.crimp[0])
-    assert (length - T * a) * np.cos(a) + T * np.sin(a) == pytest.approx(p, rel=1e-5)
-    assert (length - T * a) * np.sin(a) + T * (1.0 - np.cos(a)) == pytest.approx(T, rel=1e-5)
+    assert (length - 2.0 * T * a) * np.cos(a) + 2.0 * T * np.sin(a) == pytest.approx(p, rel=1e-5)
+    assert (length - 2.0 * T * a) * np.sin(a) + 2.0 * T * (1.0 - np.cos(a)) == pytest.approx(T, rel=1e-5)
     assert geometry.crimp[0] < weave_geometry(replace(s, path="cosine")).crimp[0]
 
 
@@ -204,7 +204,7 @@ def test_unbalanced_crimp():
     assert np.abs(warp.points[:, 2]).max() == 0.0 and warp.crimp == pytest.approx(0.0, abs=1e-12)
     assert np.abs(weft.points[:, 2]).max() == pytest.approx(T)
     thin = WeaveSpec(plain(), ROUND, TowShape("circular", 600.0, 600.0), P, P)
-    assert thin.amplitudes == (300.0, 600.0)  # flush: both reach as high
+    assert thin.amplitudes == pytest.approx((300.0, 600.0))  # flush: both reach as high
     assert weave_geometry(thin).thickness == pytest.approx(T + 600.0)
 
 
@@ -272,7 +272,7 @@ def brute_overlap(system):
 
 def test_overlap_against_every_pair_of_points():
     system = tow_system(spec(), TOW, 600.0)
-    assert initial_overlap(system) == (0.0, None)
+    assert initial_overlap(system)[0] <= 1e-6 * T
     thick = replace(system, types=(replace(TOW, diameter=1.1 * T),))
     overlap, pair = initial_overlap(thick)
     assert overlap == pytest.approx(brute_overlap(thick), rel=2e-3) and 0.1 * T <= overlap < 0.102 * T
@@ -291,14 +291,12 @@ def test_tows_touch_and_do_not_overlap(pattern):
     assert system.periodic.tolist() == [True, True, False]
     assert initial_overlap(system)[0] <= 1e-6 * T
     # every crossing: the right one on top, touching but for what chords took
-    z = system.positions[:, 2]
+    z, bead_tow = system.positions[:, 2], system.tow[system.filament_of_bead]
     for j in range(n):
         for i in range(n):
             x, y = (i + 0.5) * P, (j + 0.5) * P
             warp, weft = (
-                np.flatnonzero(
-                    (system.tow == k) & (np.hypot(system.positions[:, 0] - x, system.positions[:, 1] - y) < 1.0)
-                )
+                np.flatnonzero((bead_tow == k) & (np.hypot(*(system.positions[:, :2] - [x, y]).T) < 1.0))
                 for k in (j, n + i)
             )
             assert len(warp) == len(weft) == 1
