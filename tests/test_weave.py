@@ -371,7 +371,7 @@ def test_twisted_filaments_are_right_handed_helices_and_close():
     assert np.ptp(system.bond_lengths()[:40]) < 0.3 * 200.0
     with pytest.raises(InputError, match="longer cell"):
         filament_system(s, FILAMENT, 12, 200.0, twist=0.2 / (2.0 * P))
-    with pytest.raises(InputError, match="filaments.count"):
+    with pytest.raises(InputError, match=r"filaments\.count"):
         filament_system(s, FILAMENT, 12, 200.0, twist=8.0 / (2.0 * P))
     with pytest.raises(InputError, match="only round"):
         filament_system(spec(tow=shape("elliptic")), FILAMENT, 12, 200.0, twist=1e-4)
