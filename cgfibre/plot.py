@@ -1,4 +1,4 @@
-"""Figures of a run: curve, sections, filaments in 3D, energies, distribution.
+"""Figures of a run: curve, filaments in 3D, energies; and what other figures share.
 
 Functions ``plot_*`` draw on an axes and return it; ``figure_*`` lay out a whole figure and return it. They compute
 nothing but layout. One style throughout: colour-blind-safe colours (Okabe and Ito; viridis for values), units in every
@@ -225,21 +225,6 @@ def plot_thickness_errors(ax: Axes, thickness: FloatArray, pressure: FloatArray,
 
 
 @dataclass(frozen=True)
-class Section:
-    """One section to draw: ``centres`` (n, 2) y and z um, ``diameter`` um (one or n), heights of the platens' faces,
-    and optionally ``values`` (n,) for the colour and a ``title``. A face None: that platen is not there. ``faces`` are
-    curved faces, (m, 2) points of y and z each."""
-
-    centres: FloatArray
-    diameter: float | FloatArray
-    z_bottom: float | None = None
-    z_top: float | None = None
-    values: FloatArray | None = None
-    title: str = ""
-    faces: tuple[FloatArray, ...] = ()
-
-
-@dataclass(frozen=True)
 class Colours:
     """Colour scale of the values: ``label`` with unit, range, colour map."""
 
@@ -265,106 +250,6 @@ class Colours:
         from matplotlib.colors import Normalize
 
         return ScalarMappable(Normalize(self.low, self.high), self.cmap)
-
-
-def _section_limits(sections: Sequence[Section]) -> tuple[float, float, float, float]:
-    low, high = np.full(2, np.inf), np.full(2, -np.inf)
-    for s in sections:
-        r = np.broadcast_to(np.asarray(s.diameter, dtype=float) / 2, len(s.centres))[:, None]
-        low = np.minimum(low, np.nanmin(s.centres - r, axis=0))
-        high = np.maximum(high, np.nanmax(s.centres + r, axis=0))
-        platens = [z for z in (s.z_bottom, s.z_top) if z is not None]
-        platens += [float(z) for curved in s.faces for z in (curved[:, 1].min(), curved[:, 1].max())]
-        low[1], high[1] = min([low[1], *platens]), max([high[1], *platens])
-    pad = 0.05 * max(high - low)
-    bar = min(0.07 * max(high - low), 0.3 * (high[1] - low[1]))
-    return low[0] - pad, high[0] + pad, low[1] - bar, high[1] + bar
-
-
-def plot_section(ax: Axes, section: Section, colours: Colours | None = None) -> Axes:
-    """Filament discs at true scale between the platens, coloured by ``section.values`` on the scale ``colours``.
-
-    Platens are hatched bars across the axes. Filaments with nan centres are not drawn. Limits that were set before by
-    ``ax.set_xlim``/``set_ylim`` are kept, so that several sections can share them.
-    """
-    from matplotlib.collections import EllipseCollection
-    from matplotlib.patches import Rectangle
-
-    centres = np.asarray(section.centres, dtype=float)
-    there = np.isfinite(centres).all(axis=1)
-    if centres.ndim != 2 or centres.shape[1] != 2 or not there.any():
-        raise InputError("section.centres", centres.shape, "shape (n, 2) with finite centres")
-    with style():
-        if ax.get_autoscalex_on():
-            y0, y1, z0, z1 = _section_limits([section])
-            ax.set_xlim(y0, y1)
-            ax.set_ylim(z0, z1)
-        diameter = np.broadcast_to(np.asarray(section.diameter, dtype=float), len(centres))[there]
-        if section.values is None:
-            face: Any = STEEL
-        else:
-            scale = (colours or Colours.spanning("", section.values)).mappable()
-            face = scale.to_rgba(np.asarray(section.values, dtype=float)[there])
-        discs = EllipseCollection(
-            diameter,
-            diameter,
-            np.zeros(len(diameter)),
-            units="xy",
-            offsets=centres[there],
-            offset_transform=ax.transData,
-            facecolors=face,
-            edgecolors="white" if len(diameter) > 1000 else INK,
-            linewidths=0.0 if len(diameter) > 1000 else 0.5,
-        )
-        ax.add_collection(discs, autolim=False)
-        (y0, y1), (z0, z1) = ax.get_xlim(), ax.get_ylim()
-        deep = 2 * (z1 - z0)
-        for z, base in ((section.z_bottom, -deep), (section.z_top, 0.0)):
-            if z is not None:
-                bar = (y0 - deep, z + base), y1 - y0 + 2 * deep, deep
-                ax.add_patch(Rectangle(*bar, facecolor="#ECECEC", edgecolor="#A0A0A0", hatch="////", lw=0))
-                ax.axhline(z, color=INK, lw=1.4)
-        for curved in section.faces:
-            ax.plot(*curved.T, color=INK, lw=1.8)
-        ax.set_aspect("equal")
-        ax.grid(False)
-        ax.set_xlabel("y (µm)")
-        ax.set_ylabel("z (µm)")
-        if section.title:
-            ax.set_title(section.title)
-    return ax
-
-
-def figure_sections(sections: Sequence[Section], colours: Colours | None = None) -> Figure:
-    """Sections side by side (wide ones: one above the other) at one scale, with one colour bar; say before, during,
-    after.
-
-    The range of all values is used where ``colours`` is not given. Raises InputError without a section.
-    """
-    if not sections:
-        raise InputError("sections", 0, "one section or more")
-    values = [s.values for s in sections]
-    coloured = any(v is not None for v in values)
-    scale = colours or Colours.spanning("", *values)
-    y0, y1, z0, z1 = _section_limits(sections)
-    aspect, n = (y1 - y0) / (z1 - z0), len(sections)
-    wide = aspect > 2.2 and n > 1
-    panel_width = 8.6 if wide else max(2.6, min(4.0, 12.0 / n))
-    panel_height = panel_width / aspect
-    rows, columns = (n, 1) if wide else (1, n)
-    fig = new_figure(columns * panel_width + (1.9 if coloured else 0.8), rows * (panel_height + 0.45) + 0.55)
-    with style():
-        axes = fig.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-        for ax, section in zip(axes, sections, strict=True):
-            ax.set_xlim(y0, y1)
-            ax.set_ylim(z0, z1)
-            plot_section(ax, section, scale)
-            ax.label_outer()
-        if coloured:
-            bar = fig.colorbar(scale.mappable(), ax=list(axes), shrink=0.9, pad=0.015, aspect=22)
-            bar.set_label(scale.label, labelpad=7)
-            bar.outline.set_visible(False)
-    return fig
 
 
 def plot_energy(ax: Axes, curve: Curve) -> Axes:
@@ -598,50 +483,6 @@ def figure_trials(trials: Sequence[Trial], names: Sequence[str] = (), title: str
     return fig
 
 
-class GaussianCoordinates(Protocol):
-    """What :func:`figure_distribution` draws (``measure.distribution.Distribution`` is one): ``coordinates`` (n, 2),
-    normalised; ``mean`` and ``sd`` (2,)."""
-
-    @property
-    def coordinates(self) -> FloatArray: ...  # noqa: D102
-    @property
-    def mean(self) -> FloatArray: ...  # noqa: D102
-    @property
-    def sd(self) -> FloatArray: ...  # noqa: D102
-
-
-def figure_distribution(before: GaussianCoordinates, after: GaussianCoordinates) -> Figure:
-    """Histograms of the normalised y and z of the filaments before and after, with their Gaussian fits (thesis Fig
-    7-19).
-
-    Both states on the same bins; the legend gives mean and s.d. A coordinate without spread has no curve.
-    """
-    fig = new_figure(9.2, 3.9)
-    with style():
-        axes = fig.subplots(1, 2, sharey=True)
-        for axis, (ax, name) in enumerate(zip(axes, ("y", "z"), strict=True)):
-            both = np.concatenate([before.coordinates[:, axis], after.coordinates[:, axis]])
-            reach = 1.05 * max(1.0, float(np.abs(both).max()))
-            n_bins = int(np.clip(2 * np.cbrt(len(both) / 2), 9, 41))
-            bins = np.linspace(-reach, reach, n_bins + (1 - n_bins % 2) + 1)
-            x = np.linspace(-1.15 * reach, 1.15 * reach, 301)
-            for state, colour, when in ((before, GREY, "before"), (after, BLUE, "after")):
-                mean = round(float(state.mean[axis]), 2) + 0.0  # no minus zero
-                text = f"{when}: mean {mean:.2f}, s.d. {state.sd[axis]:.2f}".replace("-", "−")
-                data = state.coordinates[:, axis]
-                ax.hist(data, bins, density=True, color=colour, alpha=0.35, lw=0, label=text)
-                if state.sd[axis] > 0:
-                    z = (x - state.mean[axis]) / state.sd[axis]
-                    ax.plot(x, np.exp(-(z**2) / 2) / (state.sd[axis] * np.sqrt(2 * np.pi)), color=colour)
-            ax.set_xlabel(f"Normalised {name} (1)")
-            ax.legend(loc="upper left", handlelength=1.2)
-        axes[0].set_ylim(0, 1.28 * axes[0].get_ylim()[1])
-        axes[0].set_ylabel("Probability density (1)")
-        axes[0].set_title("across the compaction", loc="left")
-        axes[1].set_title("along the compaction", loc="left")
-    return fig
-
-
 @dataclass(frozen=True)
 class PlatenFace:
     """Face of a platen in the 3D view: height ``z`` um, if it is the top one, extents in x and y, um (inf: all)."""
@@ -671,39 +512,41 @@ class BundleView:
 
 
 @dataclass(frozen=True)
-class _Camera:
+class Camera:
     """Parallel projection: rows right, up, towards the eye; y and z stretched before."""
 
     axes: FloatArray
     stretch: FloatArray
 
     @classmethod
-    def of(cls, view: BundleView) -> _Camera:
+    def of(cls, view: BundleView) -> Camera:
+        """The camera of a view."""
         a, e = np.radians([view.azimuth, view.elevation])
         eye = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
         right = np.array([-np.sin(a), np.cos(a), 0.0])
         return cls(np.stack([right, np.cross(eye, right), eye]), np.array([1, view.exaggeration, view.exaggeration]))
 
     def __call__(self, points: FloatArray) -> FloatArray:
+        """(n, 3) points as the camera sees them."""
         return (np.asarray(points, dtype=float) * self.stretch) @ self.axes.T
 
 
 @dataclass(frozen=True)
-class _Tubes:
-    """Points close together along the filaments, as the camera sees them, with radius and tangent."""
+class Tubes:
+    """Points close together along the filaments, (n, 3) as the camera sees them, with tangent and (n,) radius."""
 
     points: FloatArray
     tangent: FloatArray
-    radius: float
+    radius: FloatArray
     bead: IntArray
     filament: IntArray
 
 
 #: pixels touched at most (a second or so); larger systems are drawn coarser
-_PIXEL_BUDGET = 16_000_000
+PIXEL_BUDGET = 16_000_000
 
 
-def _tubes(system: FilamentSystem, positions: FloatArray, camera: _Camera, step: float) -> _Tubes:
+def _tubes(system: FilamentSystem, positions: FloatArray, camera: Camera, step: float) -> Tubes:
     bonds = system.bonds()
     bonds = bonds[bonds[:, 1] > bonds[:, 0]]  # a closing bond would cross the picture
     seen = camera(positions)
@@ -712,27 +555,30 @@ def _tubes(system: FilamentSystem, positions: FloatArray, camera: _Camera, step:
     n = np.maximum(1, np.ceil(np.linalg.norm(d[:, :2], axis=1) / step)).astype(np.int64)
     bond = np.repeat(np.arange(len(bonds)), n)
     share = (np.arange(len(bond)) - np.repeat(np.cumsum(n) - n, n) + 0.5) / n[bond]
-    return _Tubes(
+    return Tubes(
         points=seen[bonds[bond, 0]] + share[:, None] * d[bond],
         tangent=(d / np.where(length > 0, length, 1.0)[:, None])[bond],
-        radius=float(system.diameter.mean()) / 2 * float(camera.stretch[1]),
+        radius=np.full(len(bond), float(system.diameter.mean()) / 2 * float(camera.stretch[1])),
         bead=bonds[bond, 0] + (share > 0.5),
         filament=system.filament_of_bead[bonds[bond, 0]],
     )
 
 
-def _render(tubes: _Tubes, base: FloatArray, origin: FloatArray, shape: tuple[int, int], pixel: float) -> FloatArray:
+def render_tubes(
+    tubes: Tubes, base: FloatArray, origin: FloatArray, shape: tuple[int, int], pixel: float
+) -> FloatArray:
     """(rows, columns, 4) image of shaded tubes by a depth buffer: every point is a ball, shaded as its tube."""
     rows, columns = shape
     place = (tubes.points[:, :2] - origin) / pixel
     corner = np.floor(place).astype(np.int64)
-    reach = int(np.ceil(tubes.radius / pixel))
-    offsets = np.array([(i, j) for i in range(-reach, reach + 1) for j in range(-reach, reach + 1)])
     r = tubes.radius / pixel
+    largest = float(r.max())
+    reach = int(np.ceil(largest))
+    offsets = np.array([(i, j) for i in range(-reach, reach + 1) for j in range(-reach, reach + 1)])
     depth = tubes.points[:, 2] / pixel
-    depth = depth - depth.min() + r + 1
+    depth = depth - depth.min() + largest + 1
     # depth in the high bits, then the point: the largest is what the eye meets
-    levels = (2.0**30) / (depth.max() + r + 1)
+    levels = (2.0**30) / (depth.max() + largest + 1)
     nearest = np.zeros(rows * columns, dtype=np.int64)
     index = np.arange(len(place), dtype=np.int64)
     for i, j in offsets:
@@ -746,8 +592,8 @@ def _render(tubes: _Tubes, base: FloatArray, origin: FloatArray, shape: tuple[in
     hit = np.flatnonzero(nearest)
     point = nearest[hit] & 0xFFFFFFFF
     normal = np.empty((len(hit), 3))
-    normal[:, 0] = (hit % columns + 0.5 - place[point, 0]) / r
-    normal[:, 1] = (hit // columns + 0.5 - place[point, 1]) / r
+    normal[:, 0] = (hit % columns + 0.5 - place[point, 0]) / r[point]
+    normal[:, 1] = (hit // columns + 0.5 - place[point, 1]) / r[point]
     normal[:, 2] = np.sqrt(np.maximum(1 - normal[:, 0] ** 2 - normal[:, 1] ** 2, 0))
     tangent = tubes.tangent[point]
     normal -= (normal * tangent).sum(axis=1, keepdims=True) * tangent
@@ -762,7 +608,7 @@ def _render(tubes: _Tubes, base: FloatArray, origin: FloatArray, shape: tuple[in
     fall = np.zeros(shape)
     for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
         fall = np.maximum(fall, np.roll(surface, shift, axis) - surface)
-    shadow = 1 - 0.5 * np.clip(fall.ravel()[hit] / (2 * r), 0, 1)
+    shadow = 1 - 0.5 * np.clip(fall.ravel()[hit] / (2 * r[point]), 0, 1)
     bright = (0.38 + 0.72 * diffuse) * (0.55 + 0.45 * normal[:, 2]) * shadow
     image = np.zeros((rows * columns, 4))
     image[hit, :3] = np.clip(base[point] * bright[:, None] + 0.22 * (shine * shadow)[:, None], 0, 1)
@@ -770,7 +616,7 @@ def _render(tubes: _Tubes, base: FloatArray, origin: FloatArray, shape: tuple[in
     return image.reshape(rows, columns, 4)
 
 
-def _draw_platens(ax: Axes, view: BundleView, camera: _Camera, positions: FloatArray, depth: float) -> FloatArray:
+def _draw_platens(ax: Axes, view: BundleView, camera: Camera, positions: FloatArray, depth: float) -> FloatArray:
     """Draw the outlines; (n, 3) their corners."""
     from matplotlib.patches import Polygon
 
@@ -805,7 +651,7 @@ def _draw_platens(ax: Axes, view: BundleView, camera: _Camera, positions: FloatA
     return drawn
 
 
-def _draw_scale(ax: Axes, view: BundleView, camera: _Camera, points: FloatArray) -> FloatArray:
+def _draw_scale(ax: Axes, view: BundleView, camera: Camera, points: FloatArray) -> FloatArray:
     """Bar of a round length along x below everything at ``points`` (n, 3), the axes beside it; (n, 2) points drawn."""
     low, high = points.min(axis=0), points.max(axis=0)
     seen = camera(points)[:, :2]
@@ -853,7 +699,7 @@ def figure_bundle_3d(system: FilamentSystem, positions: FloatArray, view: Bundle
         raise InputError("system", "one bead a filament", "filaments of two beads or more (draw sections in 2D)")
     if positions.shape != (system.n_beads, 3) or not np.all(np.isfinite(positions)):
         raise InputError("positions", positions.shape, f"shape ({system.n_beads}, 3), finite")
-    camera = _Camera.of(view)
+    camera = Camera.of(view)
     radius = float(system.diameter.mean()) / 2 * view.exaggeration
     seen = camera(positions)[:, :2]
     low, high = seen.min(axis=0) - 1.5 * radius, seen.max(axis=0) + 1.5 * radius
@@ -862,7 +708,7 @@ def figure_bundle_3d(system: FilamentSystem, positions: FloatArray, view: Bundle
     run = float(np.linalg.norm(seen[bonds[:, 1]] - seen[bonds[:, 0]], axis=1).sum())
     for _ in range(8):
         step = max(0.5 * radius, pixel)
-        if run / step * (2 * np.ceil(radius / pixel) + 1) ** 2 <= _PIXEL_BUDGET:
+        if run / step * (2 * np.ceil(radius / pixel) + 1) ** 2 <= PIXEL_BUDGET:
             break
         pixel *= 1.25
     tubes = _tubes(system, positions, camera, step)
@@ -879,7 +725,7 @@ def figure_bundle_3d(system: FilamentSystem, positions: FloatArray, view: Bundle
         each = values[tubes.bead] if values.shape == (system.n_beads,) else values[tubes.filament]
         base = np.asarray(colours.mappable().to_rgba(each))[:, :3]
     shape = (int(np.ceil((high[1] - low[1]) / pixel)), int(np.ceil((high[0] - low[0]) / pixel)))
-    image = _render(tubes, base, low, shape, pixel)
+    image = render_tubes(tubes, base, low, shape, pixel)
 
     fig = new_figure(10.0, 4.0)
     with style():

@@ -17,6 +17,7 @@ from cgfibre.measure import compaction, distribution, guards
 from cgfibre.measure.contacts import Contacts, CylinderPlaten, FlatPlaten, filament_contacts
 from cgfibre.measure.guards import Guard
 from cgfibre.measure.segments import LineLaw, segment_contacts
+from cgfibre.measure.voids import find_voids
 from cgfibre.mechanics.contact import LineContact
 from cgfibre.plan.contact import OVERLAP_LIMIT
 from cgfibre.plan.model import FREE, Plan
@@ -383,6 +384,13 @@ def frame_statistics(
                 "nearest_neighbour_mean": float(np.mean(near)),
                 "nearest_neighbour_least": float(np.min(near)),
             }
+            room = find_voids(centres, d)
+            row |= {
+                "void_count": len(room),
+                "void_area_mean": float(np.mean(room.area)) if len(room) else 0.0,
+                "void_radius_largest": float(np.max(room.radius, initial=0.0)),
+                "hydraulic_radius": room.hydraulic_radius,
+            }
         row |= _contact_row(plan, system, positions)
         rows.append(row)
     units = {
@@ -391,6 +399,9 @@ def frame_statistics(
         "outline_area": "um2",
         "nearest_neighbour_mean": "um",
         "nearest_neighbour_least": "um",
+        "void_area_mean": "um2",
+        "void_radius_largest": "um",
+        "hydraulic_radius": "um",
         "contact_force_mean": "nN",
         "contact_force_largest": "nN",
     }
