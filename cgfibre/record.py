@@ -116,12 +116,18 @@ class Frames:
     """Filament positions over time.
 
     ``positions`` (n_frames, n_beads, 3) um, unwrapped, in the axes of the scene (x along, y across, z compaction);
-    ``step`` (n_frames,); ``displacement_um`` (n_frames,) of the platen.
+    ``step`` (n_frames,); ``displacement_um`` (n_frames,) of the platen; ``factor`` (n_frames,): how many times stiffer
+    than at first contacts had become (not given: 1).
     """
 
     step: IntArray
     displacement_um: FloatArray
     positions: FloatArray
+    factor: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        if len(self.factor) == 0:
+            object.__setattr__(self, "factor", np.ones(len(self.step)))
 
     def __len__(self) -> int:
         return len(self.step)

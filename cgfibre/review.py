@@ -44,6 +44,8 @@ APPROACH_LIMIT = 0.25
 PASSING_OVERLAP = 0.2
 #: largest difference of the platen's path from the plan's, over the whole path
 MOTION_LIMIT = 0.05
+#: of the deepest place planned: a loading that comes so near to it ended there, not at its force or pressure
+DEEPEST = 1e-3
 #: surfaces this far apart (over D) count as neighbours in the coordination number
 TOUCHING = 0.02
 
@@ -241,19 +243,25 @@ def _motion_guard(plan: Plan, curve: Curve, balance: Balance | None) -> Guard:
 
 
 def _stop_guards(plan: Plan, curve: Curve) -> list[Guard]:
-    """Whether earlier stops by force or pressure were met before the loading came to the deepest place planned."""
+    """Whether stops by force or pressure were met before the loading came to the deepest place planned.
+
+    Of loadings that ended: earlier ones are followed by an unloading, the last one came to its deepest place.
+    """
     found = []
-    for k, target in enumerate(plan.motion.cycles, start=1):
-        own = curve.of(k)
+    targets = plan.motion.targets
+    for k, target in enumerate(targets, start=1):
+        own, last = curve.of(k), k == len(targets)
+        place = float(np.max(own["displacement_um"], initial=0.0))
+        ended = place >= target.displacement * (1 - DEEPEST) if last else bool(own.unloading.any())
         stops = (
             ("force", target.force * 1e-9, "force_top_N", "N"),
             ("pressure", target.pressure * 1e-3, "pressure_MPa", "MPa"),
         )
         for what, limit, column, unit in stops:
-            if math.isinf(limit) or not own.unloading.any():
+            if math.isinf(limit) or not (ended or np.any(own[column] >= limit)):
                 continue
             peak = float(np.max(own[column], initial=0.0))
-            name = f"stop of cycle {k}"
+            name = "stop met" if last else f"stop of cycle {k}"
             message = (
                 f"{name}: its {what} came to {peak:.3g} of {limit:.3g} {unit} at the deepest place planned, "
                 f"{target.displacement:.4g} um: filaments gave way; ask for less"
@@ -357,7 +365,7 @@ def frame_statistics(
     rows: list[dict[str, Any]] = []
     reference = None
     first_area = 0.0
-    for positions in frames.positions:
+    for positions, factor in zip(frames.positions, frames.factor.tolist(), strict=True):
         if not np.all(np.isfinite(positions)):
             break
         centres = distribution.section_at(system, positions, x)
@@ -391,7 +399,7 @@ def frame_statistics(
                 "void_radius_largest": float(np.max(room.radius, initial=0.0)),
                 "hydraulic_radius": room.hydraulic_radius,
             }
-        row |= _contact_row(plan, system, positions)
+        row |= _contact_row(plan, system, positions, factor)
         rows.append(row)
     units = {
         "width": "um",
@@ -420,13 +428,19 @@ def contact_length(plan: Plan, system: FilamentSystem) -> FloatArray:
     return np.where(role == 0, plan.spacing, 0.0)
 
 
-def contacts_under_platen(plan: Plan, system: FilamentSystem, positions: FloatArray) -> Contacts:
-    """Contacts between filaments under the top platen; their forces by the line contact (none for the law hertz)."""
+def contacts_under_platen(
+    plan: Plan, system: FilamentSystem, positions: FloatArray, factor: float = 1.0
+) -> Contacts:
+    """Contacts between filaments under the top platen; their forces by the line contact (none for the law hertz).
+
+    ``factor``: how many times stiffer than at first a section's softened contacts had become (Frames.factor).
+    """
     if plan.contact.per_length:
         touching = np.tile(plan.beads.role, system.n_filaments) != FREE
         contacts = segment_contacts(system, positions, line_law(plan, system), touching)
     else:
-        stiffness = plan.contact.line_stiffness / plan.contact.softening if plan.contact.law == "hooke" else 0.0
+        now = factor * plan.contact.line_stiffness / plan.contact.softening
+        stiffness = now if plan.contact.law == "hooke" else 0.0
         contacts = filament_contacts(system, positions, stiffness, contact_length(plan, system))
     return contacts if plan.platens.top_span is None else contacts.within(*plan.platens.top_span)
 
@@ -441,8 +455,8 @@ def line_law(plan: Plan, system: FilamentSystem) -> LineLaw:
     return lambda overlap: line.line_load(np.minimum(overlap, 0.999 * line.greatest_approach))
 
 
-def _contact_row(plan: Plan, system: FilamentSystem, positions: FloatArray) -> dict[str, Any]:
-    contacts = contacts_under_platen(plan, system, positions)
+def _contact_row(plan: Plan, system: FilamentSystem, positions: FloatArray, factor: float) -> dict[str, Any]:
+    contacts = contacts_under_platen(plan, system, positions, factor)
     row: dict[str, Any] = {"contact_count": len(contacts)}
     if plan.contact.law != "hertz":
         row |= {

@@ -131,6 +131,9 @@ def _write_trajectory(f: h5py.File, results: Results) -> None:
     displacement = f.create_group("observables/platen_displacement")
     displacement["step"], displacement["time"] = position["step"], position["time"]
     _stamp(_put(displacement, "value", frames.displacement_um, "um"))
+    factor = f.create_group("observables/contact_factor")
+    factor["step"], factor["time"] = position["step"], position["time"]
+    _stamp(_put(factor, "value", frames.factor, "1"))
     _put(f.create_group("connectivity"), "bonds", system.bonds(), "1")
 
 
@@ -192,7 +195,13 @@ def _read(f: h5py.File) -> Results:
             record["width_um"][()],
             record["cycle"][()] if "cycle" in record else np.ones(len(record["phase"]), dtype=np.int64),
         ),
-        frames=Frames(step, f["observables/platen_displacement/value"][()], position["value"][()] / NM_PER_UM),
+        frames=Frames(
+            step,
+            f["observables/platen_displacement/value"][()],
+            position["value"][()] / NM_PER_UM,
+            # an earlier version had none
+            f["observables/contact_factor/value"][()] if "contact_factor" in f["observables"] else np.ones(len(step)),
+        ),
         timestep=float(time[moving][0] / step[moving][0]) if moving.any() else 0.0,
         distribution={name: (d[()], str(d.attrs["units"])) for name, d in f["distribution"].items()},
         scene=_text(f, "scene"),

@@ -101,7 +101,8 @@ def displacement_at(plan: Plan, step: np.ndarray) -> FloatArray:
 def frames_of(folder: Path, system: FilamentSystem, plan: Plan, raw: RawRecord) -> Frames:
     """Frames of a deck's folder, of equal steps the last, in rising order; a frame cut short at the end is dropped.
 
-    Frames lie on the record's steps, where it has the displacement.
+    Frames lie on the record's steps, where it has the displacement; the factor of stiffened contacts is recorded as
+    means over the windows, so it is read between their middles.
     """
     found: dict[int, FloatArray] = {}
     for step, positions in iterate_frames(folder / "trajectory.lammpstrj", moved_beads(system, plan)):
@@ -111,10 +112,13 @@ def frames_of(folder: Path, system: FilamentSystem, plan: Plan, raw: RawRecord) 
         found[step] = whole_of(positions, system, plan)
     steps = np.array(sorted(found), dtype=np.int64)
     stacked = np.stack([found[s] for s in steps.tolist()]) if found else np.empty((0, system.n_beads, 3))
-    displacement = np.interp(
-        steps, _with_start(0.0, raw.step.astype(float)), _with_start(0.0, raw.state["displacement"])
-    )
-    return Frames(steps, displacement, stacked)
+    at = raw.step.astype(float)
+    displacement = np.interp(steps, _with_start(0.0, at), _with_start(0.0, raw.state["displacement"]))
+    factor = np.ones(len(steps))
+    if raw.balance:
+        middle = at - 0.5 * plan.sampling.sample
+        factor = np.interp(steps, _with_start(0.0, middle), _with_start(1.0, raw.balance["factor"]))
+    return Frames(steps, displacement, stacked, factor)
 
 
 def read_run(folder: Path, system: FilamentSystem, plan: Plan) -> tuple[Curve, Frames, Extremes]:
