@@ -428,9 +428,7 @@ def contact_length(plan: Plan, system: FilamentSystem) -> FloatArray:
     return np.where(role == 0, plan.spacing, 0.0)
 
 
-def contacts_under_platen(
-    plan: Plan, system: FilamentSystem, positions: FloatArray, factor: float = 1.0
-) -> Contacts:
+def contacts_under_platen(plan: Plan, system: FilamentSystem, positions: FloatArray, factor: float = 1.0) -> Contacts:
     """Contacts between filaments under the top platen; their forces by the line contact (none for the law hertz).
 
     ``factor``: how many times stiffer than at first a section's softened contacts had become (Frames.factor).
