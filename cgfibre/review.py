@@ -69,7 +69,7 @@ class Review:
 
 def mid_plane(scene: Scene, plan: Plan) -> float:
     """x of the plane under the middle of the platen, um."""
-    return 0.0 if plan.level == "section" else scene.assembly.length / 2
+    return 0.0 if plan.flat else scene.assembly.length / 2
 
 
 def platen_gaps(plan: Plan, system: FilamentSystem, displacement: float) -> tuple[Gap, Gap]:
@@ -183,7 +183,7 @@ def _guards(scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, fram
                 f"beads past the {('top', 'bottom')[side]} platen",
             )
         )
-    if plan.level != "section":
+    if not plan.flat:
         found.append(guards.stretch(system, frames, plan.axial_softening))
         found.append(guards.largest_bend(system, frames))
         found.append(_gone_guard(scene, plan, system, frames))
@@ -268,7 +268,7 @@ def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> l
             )
         else:
             found.append(_depth_guard("overlap with a platen", depth, plan))
-    if plan.level == "section" and plan.springs[1] > 0:
+    if plan.flat and plan.springs[1] > 0:
         turn = float(np.max(extremes.turn))
         found.append(
             Guard(
@@ -285,6 +285,8 @@ def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> l
 def _depth_guard(name: str, overlap: float, plan: Plan) -> Guard:
     """Overlap over D: what softening adds to the real approach of the surfaces, and whether that is still Hertz'."""
     artefact = overlap * (1 - 1 / plan.contact.softening)
+    if plan.discs is not None:  # its law goes as far as its table; softened or not, overlap is the model
+        artefact, limit = 0.0, max(APPROACH_LIMIT, plan.discs.overlap[-1] / plan.discs.diameter)
     if artefact > OVERLAP_LIMIT:
         return Guard(
             name,
@@ -360,7 +362,7 @@ def frame_statistics(
 
 def contact_length(plan: Plan, system: FilamentSystem) -> FloatArray:
     """(n_beads,) length of contact line that a bead stands for, um; 0 where beads do not touch."""
-    if plan.level == "section":
+    if plan.flat:
         return np.full(system.n_beads, plan.depth)
     role = np.tile(plan.beads.role, system.n_filaments)
     return np.where(role == 0, plan.spacing, 0.0)

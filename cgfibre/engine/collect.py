@@ -100,7 +100,7 @@ def frames_of(folder: Path, system: FilamentSystem, plan: Plan, stop_step: int) 
     """Frames of a deck's folder, of equal steps the last, in rising order; a frame cut short at the end is dropped."""
     found: dict[int, FloatArray] = {}
     for step, positions in iterate_frames(folder / "trajectory.lammpstrj", moved_beads(system, plan)):
-        if plan.level == "section":
+        if plan.flat:
             # a section's y, z were LAMMPS' x, y
             positions = np.column_stack([np.zeros(len(positions)), positions[:, 0], positions[:, 1]])
         found[step] = whole_of(positions, system, plan)

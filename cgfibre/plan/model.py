@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cgfibre.build.system import FloatArray, IntArray
+from cgfibre.scene import FLAT
 
 #: roles of a station's beads; bead type in the engine = role * filament kinds + kind + 1
 CONTACT, FREE, LEFT, RIGHT, GRIP = range(5)
@@ -118,6 +119,21 @@ class Platens:
 
 
 @dataclass(frozen=True)
+class Discs:
+    """Discs of a level subbundle: ``filaments`` that each stands for, ``diameter`` um, stiffness ``factors`` of their
+    kinds; the law of two: ``overlap`` um, ``load`` and ``unload`` nN/um of depth; ``heights``: top and bottom platen um
+    where they touch the outline of the filaments as arranged."""
+
+    filaments: float
+    diameter: float
+    factors: tuple[float, ...]
+    overlap: tuple[float, ...]
+    load: tuple[float, ...]
+    unload: tuple[float, ...] | None
+    heights: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class Motion:
     """Platen motion: speeds in um/us, growth length um, phases in steps, earlier stops (inf: none).
 
@@ -195,6 +211,12 @@ class Plan:
     free_span: float = math.inf
     depth: float = 0.0
     springs: tuple[float, float] = (0.0, 0.0)
+    discs: Discs | None = None
+
+    @property
+    def flat(self) -> bool:
+        """Whether the model is a cross-section: discs, nothing along the filaments."""
+        return self.level in FLAT
 
     @property
     def promised_error(self) -> float:
