@@ -286,7 +286,7 @@ def _depth_guard(name: str, overlap: float, plan: Plan) -> Guard:
     """Overlap over D: what softening adds to the real approach of the surfaces, and whether that is still Hertz'."""
     artefact = overlap * (1 - 1 / plan.contact.softening)
     if plan.discs is not None:  # its law goes as far as its table; softened or not, overlap is the model
-        artefact, limit = 0.0, max(APPROACH_LIMIT, plan.discs.overlap[-1] / plan.discs.diameter)
+        artefact = 0.0
     if artefact > OVERLAP_LIMIT:
         return Guard(
             name,

@@ -134,9 +134,11 @@ class Migration(_Table):
 
 
 class Subbundle(_Table):
-    """``[assembly.subbundle]`` of level "subbundle": how many ``filaments`` one disc stands for (about: as many discs as
-    the arrangement takes), by which ``law`` (a shipped one's name, or a file of :command:`cgfibre homogenise`) and
-    ``mapping`` they touch, and the ``spread`` of their stiffness, evenly over +- that part, drawn with the seed.
+    """``[assembly.subbundle]`` of level "subbundle".
+
+    How many ``filaments`` one disc stands for (about: as many discs as the arrangement takes), by which ``law`` (a
+    shipped one's name, or a file that ``cgfibre homogenise`` wrote) and ``mapping`` they touch, and the ``spread`` of
+    their stiffness, evenly over +- that part, dealt out with the seed.
     """
 
     filaments: Annotated[int, Value(whole=True, least=2, most=100_000)] = 127
@@ -645,7 +647,9 @@ def _check_section(scene: Scene) -> None:
         )
         raise refusal("ends.support", scene.ends.support, expected)
     if scene.contact.law == "hertz":
-        expected = f"'auto' or 'hooke' with level = {level!r}: parallel filaments touch along lines, hertz is for points"
+        expected = (
+            f"'auto' or 'hooke' with level = {level!r}: parallel filaments touch along lines, hertz is for points"
+        )
         raise refusal("contact.law", "hertz", expected)
 
 

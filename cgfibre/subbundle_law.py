@@ -118,7 +118,9 @@ def _array(table: Mapping[str, Any], key: str, where: str, least: float | None =
     good = isinstance(values, list) and len(values) >= 2 and all(isinstance(v, int | float) for v in values)
     array = np.array(values, dtype=float) if good else np.empty(0)
     if not good or not np.all(np.isfinite(array)) or (least is not None and float(array.min()) < least):
-        raise InputError(f"{where}.{key}", values, "two or more finite numbers" + (", none below 0" if least == 0 else ""))
+        raise InputError(
+            f"{where}.{key}", values, "two or more finite numbers" + (", none below 0" if least == 0 else "")
+        )
     return array
 
 

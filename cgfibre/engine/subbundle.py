@@ -36,9 +36,7 @@ def series(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.asarray(2 / (1 / first + 1 / second))
 
 
-def law_files(
-    discs: Discs, plan: Plan
-) -> tuple[dict[str, float | int | str], dict[str, FloatArray], dict[str, str]]:
+def law_files(discs: Discs, plan: Plan) -> tuple[dict[str, float | int | str], dict[str, FloatArray], dict[str, str]]:
     """(parameters, columns of numbers, texts) of a deck of sub-bundles: kinds of them and lengths of contact."""
     factors = np.array(discs.factors)
     n = len(factors)

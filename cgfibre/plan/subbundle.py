@@ -229,8 +229,8 @@ def _check_friction(scene: Scene, law: SubbundleLaw) -> None:
         raise InputError(
             "contact.friction",
             scene.contact.friction,
-            f"within {FRICTION_TOLERANCE:g} of {law.friction:g}, that of the sub-bundle law {law.name} (or another law: "
-            "cgfibre homogenise)",
+            f"within {FRICTION_TOLERANCE:g} of {law.friction:g}, that of the sub-bundle law {law.name} (or another "
+            "law: cgfibre homogenise)",
         )
 
 
@@ -242,8 +242,8 @@ def _check_layers(scene: Scene, out: Outline, each: float, size: float) -> None:
         raise InputError(
             "assembly.subbundle.filaments",
             asked_subbundle(scene).filaments,
-            f"{advice}: {LEAST_LAYERS:g} layers of sub-bundles ({size:.3g} um) in the height pressed, or else the section "
-            f"flattens within one, which stays round (here {layers:.2g} layers)",
+            f"{advice}: {LEAST_LAYERS:g} layers of sub-bundles ({size:.3g} um) in the height pressed, or else the "
+            f"section flattens within one, which stays round (here {layers:.2g} layers)",
         )
 
 

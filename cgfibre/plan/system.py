@@ -55,7 +55,7 @@ def build_system(scene: Scene, plan: Plan) -> FilamentSystem:
 
 
 def _subbundles(scene: Scene, plan: Plan, discs: Discs, rng: np.random.Generator) -> FilamentSystem:
-    """Discs in the place of many filaments each: as stiff and heavy as these together, shaken as much for their size."""
+    """Discs in the place of many filaments each: as stiff and heavy as these, shaken as much for their size."""
     one, n = scene_filament(scene), discs.filaments
     together = replace(
         one,
@@ -67,7 +67,5 @@ def _subbundles(scene: Scene, plan: Plan, discs: Discs, rng: np.random.Generator
         mass_per_length=n * one.mass_per_length,
     )
     section = discs_spec(scene, plan.pitch / math.sqrt(n))
-    spec = BundleSpec(
-        filament=together, section=section, stations=None, jitter=scene.assembly.jitter * math.sqrt(n)
-    )
+    spec = BundleSpec(filament=together, section=section, stations=None, jitter=scene.assembly.jitter * math.sqrt(n))
     return with_groups(build_section(spec, rng), scene)
