@@ -87,7 +87,8 @@ def derive_law(scene: Scene, options: LawOptions, note: Note | None = None, engi
     state = _state(evenly, stiffness, options.path.deepest)
     lateral = homogenise.lateral_ratio([r.across[~r.unloading] for r in above], [r.down[~r.unloading] for r in above])
     lattice = homogenise.lattice_table(state)
-    table = Table(LAW_OVERLAPS, np.interp(LAW_OVERLAPS, lattice.overlap, lattice.load), None, 1.0)
+    known = LAW_OVERLAPS[lattice.overlap[-1] >= LAW_OVERLAPS]
+    table = Table(known, np.interp(known, lattice.overlap, lattice.load), None, 1.0)
     tables, answers, misfits = [table], [], []
     size = d * np.sqrt(count)
     for k in range(options.rounds + 1):
@@ -279,12 +280,12 @@ def homogenise_sources(
     if len(sources) > 1:
         raise InputError("SOURCE", sources[0], "one scene, or folders of runs with a results.h5 each")
     scene = load_scene(sources[0], overrides)
-    derived = derive_law(replace_level(scene), options, note)
+    derived = derive_law(section_scene(scene), options, note)
     out.write_text(derived.law.to_toml())
     return [*law_lines(derived), f"law {out}"]
 
 
-def replace_level(scene: Scene) -> Scene:
+def section_scene(scene: Scene) -> Scene:
     """The scene at level section, whose discs the cells are made of."""
     data: dict[str, Any] = scene.model_dump(exclude_none=True)
     data["model"] = {"level": "section"}
