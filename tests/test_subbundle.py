@@ -174,7 +174,13 @@ def test_a_tow_of_sub_bundles_keeps_area_springs_and_outline():
 def test_number_of_discs(arrangement, filaments, expected):
     scene = tow(assembly__arrangement=arrangement, assembly__subbundle={"filaments": filaments})
     assert disc_count(scene) == expected
-    assert make_plan(scene).n_beads == expected
+    plan = make_plan(scene)
+    assert plan.n_beads == expected
+    z = np.array(plan.discs.centres)[:, 1]
+    # between the platens, and no farther from them than half a layer
+    top, bottom = plan.discs.heights
+    assert z.max() + plan.discs.diameter / 2 <= top + 1e-6 and z.min() - plan.discs.diameter / 2 >= bottom - 1e-6
+    assert top - z.max() < 0.7 * plan.pitch and z.min() - bottom < 0.7 * plan.pitch
 
 
 @pytest.mark.parametrize(

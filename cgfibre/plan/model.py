@@ -122,7 +122,7 @@ class Platens:
 class Discs:
     """Discs of a level subbundle: ``filaments`` that each stands for, ``diameter`` um, stiffness ``factors`` of their
     kinds; the law of two: ``overlap`` um, ``load`` and ``unload`` nN/um of depth; ``heights``: top and bottom platen um
-    where they touch the outline of the filaments as arranged."""
+    where they touch the outline of the filaments as arranged; ``centres`` (y, z) um as arranged."""
 
     filaments: float
     diameter: float
@@ -131,6 +131,7 @@ class Discs:
     load: tuple[float, ...]
     unload: tuple[float, ...] | None
     heights: tuple[float, float]
+    centres: tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)

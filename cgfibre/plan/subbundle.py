@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cgfibre.build.packing import ArrangementSpec, arrange
+from cgfibre.build.packing import ROW, ArrangementSpec, arrange, min_distance
 from cgfibre.build.system import FilamentSystem, FloatArray
 from cgfibre.errors import InputError
 from cgfibre.mechanics import rod, support
@@ -65,6 +65,37 @@ def discs_spec(scene: Scene, pitch: float) -> ArrangementSpec:
     return replace(spec, count=n, pitch=pitch * math.sqrt(spec.count / n), volume_fraction=None)
 
 
+def disc_centres(scene: Scene, out: Outline) -> tuple[FloatArray, float]:
+    """((n, 2) centres um, pitch um) of the discs: arranged as the filaments are, then stretched along y and z until
+    they fill the same outline, which lies half a layer or half a pitch beyond the centres: whole layers and columns of
+    discs do not. Full rings fill it as they are. No disc stands out of the filaments' height.
+
+    Raises InputError where the discs would overlap for it.
+    """
+    spec, asked = discs_spec(scene, out.pitch), asked_subbundle(scene)
+    pitch = float(spec.pitch or out.pitch)
+    centres = arrange(spec, scene.filament.diameter, np.random.default_rng(scene.assembly.seed))
+    centres = centres - (centres.max(axis=0) + centres.min(axis=0)) / 2
+    n = len(centres)
+    size = find_law(asked.law).table(asked.mapping).size * math.sqrt(len(out.centres) / n) * scene.filament.diameter
+    middle = (out.centres.max(axis=0) + out.centres.min(axis=0)) / 2
+    stretch = np.ones(2)
+    if spec.name != "circular":
+        beyond = np.array([1.0, 1.0 if spec.name == "elliptic" else ROW])
+        stretch = (np.ptp(out.centres, axis=0) + out.pitch * beyond) / (np.ptp(centres, axis=0) + pitch * beyond)
+    top = float(np.max(np.abs(centres[:, 1])))
+    stretch[1] = min(stretch[1], max(out.height - size, 0.0) / 2 / top) if top > 0 else stretch[1]
+    if n > 1 and min_distance(centres * stretch) < size * (1 - 1e-9):
+        across, down = (100 * (stretch - 1)).tolist()
+        raise InputError(
+            "assembly.subbundle.filaments",
+            asked.filaments,
+            f"another number: {n} discs have to be moved by {across:+.0f} % across and {down:+.0f} % down to fill the "
+            "filaments' outline, and then overlap",
+        )
+    return centres * stretch + middle, pitch
+
+
 def with_groups(system: FilamentSystem, scene: Scene) -> FilamentSystem:
     """The discs in GROUPS kinds of one size, as many of each, dealt out with the scene's seed."""
     kinds = np.arange(system.n_filaments) % GROUPS
@@ -78,8 +109,7 @@ def plan_subbundle(scene: Scene, out: Outline, level: str, choices: list[Choice]
     law = find_law(asked.law)
     table = law.table(asked.mapping)
     _check_friction(scene, law)
-    spec = discs_spec(scene, out.pitch)
-    centres = arrange(spec, d, np.random.default_rng(scene.assembly.seed))
+    centres, pitch = disc_centres(scene, out)
     n = len(centres)
     each = len(out.centres) / n
     size = table.size * math.sqrt(each) * d
@@ -134,7 +164,7 @@ def plan_subbundle(scene: Scene, out: Outline, level: str, choices: list[Choice]
     return Plan(
         level=level,
         spacing=0.0,
-        pitch=spec.pitch or out.pitch,
+        pitch=pitch,
         width=out.width,
         height=out.height,
         n_filaments=len(out.centres),
@@ -171,6 +201,7 @@ def plan_subbundle(scene: Scene, out: Outline, level: str, choices: list[Choice]
             load=_column(table.load, stiffness_per_length * size),
             unload=None if table.unload is None else _column(table.unload, stiffness_per_length * size),
             heights=heights,
+            centres=tuple((y, z) for y, z in centres.tolist()),
         ),
     )
 

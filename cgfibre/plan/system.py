@@ -12,7 +12,7 @@ from cgfibre.build.curves import MigrationSpec
 from cgfibre.build.system import FilamentSystem
 from cgfibre.plan.model import Discs, Plan
 from cgfibre.plan.outline import arrangement_spec, scene_filament
-from cgfibre.plan.subbundle import discs_spec, with_groups
+from cgfibre.plan.subbundle import with_groups
 from cgfibre.scene import Scene
 
 
@@ -24,7 +24,7 @@ def build_system(scene: Scene, plan: Plan) -> FilamentSystem:
     a = scene.assembly
     rng = np.random.default_rng(a.seed)
     if plan.discs is not None:
-        return _subbundles(scene, plan, plan.discs, rng)
+        return _subbundles(scene, plan.discs, rng)
     spec = BundleSpec(
         filament=scene_filament(scene),
         section=arrangement_spec(scene),
@@ -54,7 +54,7 @@ def build_system(scene: Scene, plan: Plan) -> FilamentSystem:
     )
 
 
-def _subbundles(scene: Scene, plan: Plan, discs: Discs, rng: np.random.Generator) -> FilamentSystem:
+def _subbundles(scene: Scene, discs: Discs, rng: np.random.Generator) -> FilamentSystem:
     """Discs in the place of many filaments each: as stiff and heavy as these, shaken as much for their size."""
     one, n = scene_filament(scene), discs.filaments
     together = replace(
@@ -66,6 +66,7 @@ def _subbundles(scene: Scene, plan: Plan, discs: Discs, rng: np.random.Generator
         kGA=n * one.kGA,
         mass_per_length=n * one.mass_per_length,
     )
-    section = discs_spec(scene, plan.pitch / math.sqrt(n))
-    spec = BundleSpec(filament=together, section=section, stations=None, jitter=scene.assembly.jitter * math.sqrt(n))
+    spec = BundleSpec(
+        filament=together, section=np.array(discs.centres), stations=None, jitter=scene.assembly.jitter * math.sqrt(n)
+    )
     return with_groups(build_section(spec, rng), scene)
