@@ -33,6 +33,8 @@ from cgfibre.subbundle_law import SubbundleLaw, Table, find_law
 
 #: layers of discs below which a section flattens within their width: then a disc, which stays round, is no model of it
 LEAST_LAYERS = 4.0
+#: the count of discs may differ by this from that of filaments over the filaments of one
+NEARBY = 0.08
 #: kinds of discs that the spread of stiffness makes
 GROUPS = 5
 #: friction of the scene and of the law's runs may differ by this
@@ -55,45 +57,64 @@ def disc_count(scene: Scene) -> int:
     return min(near, key=lambda count: abs(math.log(count / wanted)))
 
 
-def discs_spec(scene: Scene, pitch: float) -> ArrangementSpec:
+def discs_spec(scene: Scene, pitch: float, count: int) -> ArrangementSpec:
     """The arrangement of the discs: the scene's, of fewer that are as much further apart, so that the area stays."""
     spec = arrangement_spec(scene)
     if spec.name not in ARRANGEMENTS:
         expected = "one of " + ", ".join(ARRANGEMENTS) + " with model.level = 'subbundle': others place each filament"
         raise InputError("assembly.arrangement", spec.name, expected)
-    n = disc_count(scene)
-    return replace(spec, count=n, pitch=pitch * math.sqrt(spec.count / n), volume_fraction=None)
+    return replace(spec, count=count, pitch=pitch * math.sqrt(spec.count / count), volume_fraction=None)
 
 
 def disc_centres(scene: Scene, out: Outline) -> tuple[FloatArray, float]:
     """((n, 2) centres um, pitch um) of the discs: arranged as the filaments are, then stretched along y and z until
     they fill the same outline, which lies half a layer or half a pitch beyond the centres: whole layers and columns of
-    discs do not. Full rings fill it as they are. No disc stands out of the filaments' height.
+    discs do not. Full rings fill it as they are; of other arrangements the count within NEARBY of the wanted one is
+    taken that needs the least stretch (a lone disc on a layer of its own makes it large). No disc stands out of the
+    filaments' height.
 
     Raises InputError where the discs would overlap for it.
     """
-    spec, asked = discs_spec(scene, out.pitch), asked_subbundle(scene)
+    wanted = disc_count(scene)
+    circular = scene.assembly.arrangement == "circular"
+    counts = range(math.ceil((1 - NEARBY) * wanted), math.floor((1 + NEARBY) * wanted) + 1)
+    tried = [_stretched(scene, out, n) for n in ([wanted] if circular else counts)]
+    centres, stretch, pitch = min(tried, key=lambda t: float(np.sum(np.abs(np.log(t[1])))))
+    n = len(centres)
+    size = _disc_size(scene, out, n)
+    top = float(np.max(np.abs(centres[:, 1])))
+    highest = max(out.height - size, 0.0) / 2
+    if top > highest:
+        centres = centres * np.array([1.0, highest / top])
+    if n > 1 and min_distance(centres) < size * (1 - 1e-9):
+        across, down = (100 * (stretch - 1)).tolist()
+        raise InputError(
+            "assembly.subbundle.filaments",
+            asked_subbundle(scene).filaments,
+            f"another number: {n} discs have to be moved by {across:+.0f} % across and {down:+.0f} % down to fill the "
+            "filaments' outline, and then overlap",
+        )
+    return centres + (out.centres.max(axis=0) + out.centres.min(axis=0)) / 2, pitch
+
+
+def _disc_size(scene: Scene, out: Outline, count: int) -> float:
+    """Diameter of one of ``count`` discs, um."""
+    asked = asked_subbundle(scene)
+    size = find_law(asked.law).table(asked.mapping).size
+    return size * math.sqrt(len(out.centres) / count) * scene.filament.diameter
+
+
+def _stretched(scene: Scene, out: Outline, count: int) -> tuple[FloatArray, FloatArray, float]:
+    """Centres of ``count`` discs stretched to the filaments' outline, about the origin, the stretch and their pitch."""
+    spec = discs_spec(scene, out.pitch, count)
     pitch = float(spec.pitch or out.pitch)
     centres = arrange(spec, scene.filament.diameter, np.random.default_rng(scene.assembly.seed))
     centres = centres - (centres.max(axis=0) + centres.min(axis=0)) / 2
-    n = len(centres)
-    size = find_law(asked.law).table(asked.mapping).size * math.sqrt(len(out.centres) / n) * scene.filament.diameter
-    middle = (out.centres.max(axis=0) + out.centres.min(axis=0)) / 2
     stretch = np.ones(2)
     if spec.name != "circular":
         beyond = np.array([1.0, 1.0 if spec.name == "elliptic" else ROW])
         stretch = (np.ptp(out.centres, axis=0) + out.pitch * beyond) / (np.ptp(centres, axis=0) + pitch * beyond)
-    top = float(np.max(np.abs(centres[:, 1])))
-    stretch[1] = min(stretch[1], max(out.height - size, 0.0) / 2 / top) if top > 0 else stretch[1]
-    if n > 1 and min_distance(centres * stretch) < size * (1 - 1e-9):
-        across, down = (100 * (stretch - 1)).tolist()
-        raise InputError(
-            "assembly.subbundle.filaments",
-            asked.filaments,
-            f"another number: {n} discs have to be moved by {across:+.0f} % across and {down:+.0f} % down to fill the "
-            "filaments' outline, and then overlap",
-        )
-    return centres * stretch + middle, pitch
+    return centres * stretch, stretch, pitch
 
 
 def with_groups(system: FilamentSystem, scene: Scene) -> FilamentSystem:
