@@ -1,4 +1,4 @@
-"""Figures of a run: curve, sections, filaments in 3D, energies, distribution.
+"""Figures of a run: curve, filaments in 3D, energies; and what other figures share.
 
 Functions ``plot_*`` draw on an axes and return it; ``figure_*`` lay out a whole figure and return it. They compute
 nothing but layout. One style throughout: colour-blind-safe colours (Okabe and Ito; viridis for values), units in every
@@ -115,7 +115,8 @@ class CurveView:
 
 
 def plot_curve(ax: Axes, curve: Curve, view: CurveView | None = None, label: str = "") -> Axes:
-    """Force or pressure against displacement or thickness, loading and unloading.
+    """Force or pressure against displacement or thickness, loading and unloading; of several cycles the earlier ones
+    are thin and pale.
 
     Thickness runs from right to left, so that compaction always goes to the right. ``label`` names the run in the
     legend. On a logarithmic axis values that are not above zero are left out.
@@ -129,23 +130,26 @@ def plot_curve(ax: Axes, curve: Curve, view: CurveView | None = None, label: str
     lines = [(top, BLUE, "top platen" if view.y == "force" else "mean under the platen")]
     if view.bottom and view.y == "force":
         lines.append((curve["force_bottom_N"], VERMILION, "bottom platen"))
-    going = ~curve.unloading
     back = curve.unloading
-    if back.any():
-        # the branch starts where the other ends
-        back = back | (np.arange(len(curve)) == max(int(np.flatnonzero(back)[0]) - 1, 0))
     with style():
         for values, colour, name in lines:
             y = values * factor
             if view.log:
                 y = np.where(y > 0, y, np.nan)
-            ax.plot(x[going], y[going], color=colour, label=f"{label}: {name}" if label else name)
-            if back.any():
-                ax.plot(x[back], y[back], color=colour, lw=1.5, ls=(0, (4, 1.6)), alpha=0.8)
+            for part, returning, cycle in _branches(curve):
+                early = curve.cycles - cycle
+                look = {"lw": 1.5, "ls": (0, (4, 1.6))} if returning else {"lw": 1.2} if early else {}
+                alpha = (0.8 if returning else 1.0) * 0.75 ** min(early, 3)
+                text = f"{label}: {name}" if label else name
+                ax.plot(x[part], y[part], color=colour, alpha=alpha, label="" if early or returning else text, **look)
+        if curve.cycles > 1:
+            before = "loading 1" if curve.cycles == 2 else f"loadings 1 to {curve.cycles - 1}"
+            ax.plot([], [], color=GREY, lw=1.2, alpha=0.75, label=before)
         error, source = view.speed_error, "halving the platen speed"
         if view.certified is not None:
             error, source = view.certified, "certificate"
         if error is not None:
+            going = ~back & (curve.cycle == 1)  # what the error was found for
             y = np.where(top > 0, top, np.nan if view.log else 0.0)[going] * factor
             band = (y * (1 - error), y * (1 + error))
             text = f"±{100 * error:.2g} % ({source})"
@@ -163,6 +167,15 @@ def plot_curve(ax: Axes, curve: Curve, view: CurveView | None = None, label: str
         ax.margins(x=0.01)
         ax.legend(loc="best")
     return ax
+
+
+def _branches(curve: Curve) -> list[tuple[slice, bool, int]]:
+    """(rows, whether the platen goes back, cycle) of each stretch of a curve; it starts where the one before ends."""
+    back = curve.unloading
+    change = (np.diff(back) != 0) | (np.diff(curve.cycle) != 0)
+    ends = [*(np.flatnonzero(change) + 1).tolist(), len(curve)]
+    begins = [0, *(end - 1 for end in ends[:-1])]
+    return [(slice(a, b), bool(back[b - 1]), int(curve.cycle[b - 1])) for a, b in zip(begins, ends, strict=True)]
 
 
 def plot_loadings(ax: Axes, curves: Mapping[str, Curve]) -> Axes:
@@ -212,19 +225,6 @@ def plot_thickness_errors(ax: Axes, thickness: FloatArray, pressure: FloatArray,
 
 
 @dataclass(frozen=True)
-class Section:
-    """One section to draw: ``centres`` (n, 2) y and z um, ``diameter`` um (one or n), heights of the platens' faces,
-    and optionally ``values`` (n,) for the colour and a ``title``. A face None: that platen is not there."""
-
-    centres: FloatArray
-    diameter: float | FloatArray
-    z_bottom: float | None = None
-    z_top: float | None = None
-    values: FloatArray | None = None
-    title: str = ""
-
-
-@dataclass(frozen=True)
 class Colours:
     """Colour scale of the values: ``label`` with unit, range, colour map."""
 
@@ -252,103 +252,6 @@ class Colours:
         return ScalarMappable(Normalize(self.low, self.high), self.cmap)
 
 
-def _section_limits(sections: Sequence[Section]) -> tuple[float, float, float, float]:
-    low, high = np.full(2, np.inf), np.full(2, -np.inf)
-    for s in sections:
-        r = np.broadcast_to(np.asarray(s.diameter, dtype=float) / 2, len(s.centres))[:, None]
-        low = np.minimum(low, np.nanmin(s.centres - r, axis=0))
-        high = np.maximum(high, np.nanmax(s.centres + r, axis=0))
-        platens = [z for z in (s.z_bottom, s.z_top) if z is not None]
-        low[1], high[1] = min([low[1], *platens]), max([high[1], *platens])
-    pad = 0.05 * max(high - low)
-    bar = min(0.07 * max(high - low), 0.3 * (high[1] - low[1]))
-    return low[0] - pad, high[0] + pad, low[1] - bar, high[1] + bar
-
-
-def plot_section(ax: Axes, section: Section, colours: Colours | None = None) -> Axes:
-    """Filament discs at true scale between the platens, coloured by ``section.values`` on the scale ``colours``.
-
-    Platens are hatched bars across the axes. Filaments with nan centres are not drawn. Limits that were set before by
-    ``ax.set_xlim``/``set_ylim`` are kept, so that several sections can share them.
-    """
-    from matplotlib.collections import EllipseCollection
-    from matplotlib.patches import Rectangle
-
-    centres = np.asarray(section.centres, dtype=float)
-    there = np.isfinite(centres).all(axis=1)
-    if centres.ndim != 2 or centres.shape[1] != 2 or not there.any():
-        raise InputError("section.centres", centres.shape, "shape (n, 2) with finite centres")
-    with style():
-        if ax.get_autoscalex_on():
-            y0, y1, z0, z1 = _section_limits([section])
-            ax.set_xlim(y0, y1)
-            ax.set_ylim(z0, z1)
-        diameter = np.broadcast_to(np.asarray(section.diameter, dtype=float), len(centres))[there]
-        if section.values is None:
-            face: Any = STEEL
-        else:
-            scale = (colours or Colours.spanning("", section.values)).mappable()
-            face = scale.to_rgba(np.asarray(section.values, dtype=float)[there])
-        discs = EllipseCollection(
-            diameter,
-            diameter,
-            np.zeros(len(diameter)),
-            units="xy",
-            offsets=centres[there],
-            offset_transform=ax.transData,
-            facecolors=face,
-            edgecolors="white" if len(diameter) > 1000 else INK,
-            linewidths=0.0 if len(diameter) > 1000 else 0.5,
-        )
-        ax.add_collection(discs, autolim=False)
-        (y0, y1), (z0, z1) = ax.get_xlim(), ax.get_ylim()
-        deep = 2 * (z1 - z0)
-        for z, base in ((section.z_bottom, -deep), (section.z_top, 0.0)):
-            if z is not None:
-                bar = (y0 - deep, z + base), y1 - y0 + 2 * deep, deep
-                ax.add_patch(Rectangle(*bar, facecolor="#ECECEC", edgecolor="#A0A0A0", hatch="////", lw=0))
-                ax.axhline(z, color=INK, lw=1.4)
-        ax.set_aspect("equal")
-        ax.grid(False)
-        ax.set_xlabel("y (µm)")
-        ax.set_ylabel("z (µm)")
-        if section.title:
-            ax.set_title(section.title)
-    return ax
-
-
-def figure_sections(sections: Sequence[Section], colours: Colours | None = None) -> Figure:
-    """Sections side by side (wide ones: one above the other) at one scale, with one colour bar; say before, during,
-    after.
-
-    The range of all values is used where ``colours`` is not given. Raises InputError without a section.
-    """
-    if not sections:
-        raise InputError("sections", 0, "one section or more")
-    values = [s.values for s in sections]
-    coloured = any(v is not None for v in values)
-    scale = colours or Colours.spanning("", *values)
-    y0, y1, z0, z1 = _section_limits(sections)
-    aspect, n = (y1 - y0) / (z1 - z0), len(sections)
-    wide = aspect > 2.2 and n > 1
-    panel_width = 8.6 if wide else max(2.6, min(4.0, 12.0 / n))
-    panel_height = panel_width / aspect
-    rows, columns = (n, 1) if wide else (1, n)
-    fig = new_figure(columns * panel_width + (1.9 if coloured else 0.8), rows * (panel_height + 0.45) + 0.55)
-    with style():
-        axes = fig.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-        for ax, section in zip(axes, sections, strict=True):
-            ax.set_xlim(y0, y1)
-            ax.set_ylim(z0, z1)
-            plot_section(ax, section, scale)
-            ax.label_outer()
-        if coloured:
-            bar = fig.colorbar(scale.mappable(), ax=list(axes), shrink=0.9, pad=0.015, aspect=22)
-            bar.set_label(scale.label, labelpad=7)
-            bar.outline.set_visible(False)
-    return fig
-
-
 def plot_energy(ax: Axes, curve: Curve) -> Axes:
     """Where the work of the platen went, over time: stored, kinetic, and the remainder (friction and damping), stacked.
 
@@ -366,11 +269,11 @@ def plot_energy(ax: Axes, curve: Curve) -> Axes:
             t, stored + kinetic, dissipated, color="#E69F00", alpha=0.45, lw=0, label="friction and damping"
         )
         ax.plot(t, work, color=INK, lw=1.8, label="work of the platen")
-        if curve.unloading.any():
-            turn = t[np.flatnonzero(curve.unloading)[0]]
+        for part, returning, cycle in _branches(curve)[1:]:
+            turn = t[part.start]
             ax.axvline(turn, color=GREY, lw=1.0, ls=":")
             ax.annotate(
-                "unloading",
+                "unloading" if curve.cycles == 1 else "" if returning else f"loading {cycle}",
                 (turn, 0.0),
                 xycoords=("data", "axes fraction"),
                 xytext=(4, 5),
@@ -580,50 +483,6 @@ def figure_trials(trials: Sequence[Trial], names: Sequence[str] = (), title: str
     return fig
 
 
-class GaussianCoordinates(Protocol):
-    """What :func:`figure_distribution` draws (``measure.distribution.Distribution`` is one): ``coordinates`` (n, 2),
-    normalised; ``mean`` and ``sd`` (2,)."""
-
-    @property
-    def coordinates(self) -> FloatArray: ...  # noqa: D102
-    @property
-    def mean(self) -> FloatArray: ...  # noqa: D102
-    @property
-    def sd(self) -> FloatArray: ...  # noqa: D102
-
-
-def figure_distribution(before: GaussianCoordinates, after: GaussianCoordinates) -> Figure:
-    """Histograms of the normalised y and z of the filaments before and after, with their Gaussian fits (thesis Fig
-    7-19).
-
-    Both states on the same bins; the legend gives mean and s.d. A coordinate without spread has no curve.
-    """
-    fig = new_figure(9.2, 3.9)
-    with style():
-        axes = fig.subplots(1, 2, sharey=True)
-        for axis, (ax, name) in enumerate(zip(axes, ("y", "z"), strict=True)):
-            both = np.concatenate([before.coordinates[:, axis], after.coordinates[:, axis]])
-            reach = 1.05 * max(1.0, float(np.abs(both).max()))
-            n_bins = int(np.clip(2 * np.cbrt(len(both) / 2), 9, 41))
-            bins = np.linspace(-reach, reach, n_bins + (1 - n_bins % 2) + 1)
-            x = np.linspace(-1.15 * reach, 1.15 * reach, 301)
-            for state, colour, when in ((before, GREY, "before"), (after, BLUE, "after")):
-                mean = round(float(state.mean[axis]), 2) + 0.0  # no minus zero
-                text = f"{when}: mean {mean:.2f}, s.d. {state.sd[axis]:.2f}".replace("-", "−")
-                data = state.coordinates[:, axis]
-                ax.hist(data, bins, density=True, color=colour, alpha=0.35, lw=0, label=text)
-                if state.sd[axis] > 0:
-                    z = (x - state.mean[axis]) / state.sd[axis]
-                    ax.plot(x, np.exp(-(z**2) / 2) / (state.sd[axis] * np.sqrt(2 * np.pi)), color=colour)
-            ax.set_xlabel(f"Normalised {name} (1)")
-            ax.legend(loc="upper left", handlelength=1.2)
-        axes[0].set_ylim(0, 1.28 * axes[0].get_ylim()[1])
-        axes[0].set_ylabel("Probability density (1)")
-        axes[0].set_title("across the compaction", loc="left")
-        axes[1].set_title("along the compaction", loc="left")
-    return fig
-
-
 @dataclass(frozen=True)
 class PlatenFace:
     """Face of a platen in the 3D view: height ``z`` um, if it is the top one, extents in x and y, um (inf: all)."""
@@ -653,39 +512,41 @@ class BundleView:
 
 
 @dataclass(frozen=True)
-class _Camera:
+class Camera:
     """Parallel projection: rows right, up, towards the eye; y and z stretched before."""
 
     axes: FloatArray
     stretch: FloatArray
 
     @classmethod
-    def of(cls, view: BundleView) -> _Camera:
+    def of(cls, view: BundleView) -> Camera:
+        """The camera of a view."""
         a, e = np.radians([view.azimuth, view.elevation])
         eye = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
         right = np.array([-np.sin(a), np.cos(a), 0.0])
         return cls(np.stack([right, np.cross(eye, right), eye]), np.array([1, view.exaggeration, view.exaggeration]))
 
     def __call__(self, points: FloatArray) -> FloatArray:
+        """(n, 3) points as the camera sees them."""
         return (np.asarray(points, dtype=float) * self.stretch) @ self.axes.T
 
 
 @dataclass(frozen=True)
-class _Tubes:
-    """Points close together along the filaments, as the camera sees them, with radius and tangent."""
+class Tubes:
+    """Points close together along the filaments, (n, 3) as the camera sees them, with tangent and (n,) radius."""
 
     points: FloatArray
     tangent: FloatArray
-    radius: float
+    radius: FloatArray
     bead: IntArray
     filament: IntArray
 
 
 #: pixels touched at most (a second or so); larger systems are drawn coarser
-_PIXEL_BUDGET = 16_000_000
+PIXEL_BUDGET = 16_000_000
 
 
-def _tubes(system: FilamentSystem, positions: FloatArray, camera: _Camera, step: float) -> _Tubes:
+def _tubes(system: FilamentSystem, positions: FloatArray, camera: Camera, step: float) -> Tubes:
     bonds = system.bonds()
     bonds = bonds[bonds[:, 1] > bonds[:, 0]]  # a closing bond would cross the picture
     seen = camera(positions)
@@ -694,27 +555,30 @@ def _tubes(system: FilamentSystem, positions: FloatArray, camera: _Camera, step:
     n = np.maximum(1, np.ceil(np.linalg.norm(d[:, :2], axis=1) / step)).astype(np.int64)
     bond = np.repeat(np.arange(len(bonds)), n)
     share = (np.arange(len(bond)) - np.repeat(np.cumsum(n) - n, n) + 0.5) / n[bond]
-    return _Tubes(
+    return Tubes(
         points=seen[bonds[bond, 0]] + share[:, None] * d[bond],
         tangent=(d / np.where(length > 0, length, 1.0)[:, None])[bond],
-        radius=float(system.diameter.mean()) / 2 * float(camera.stretch[1]),
+        radius=np.full(len(bond), float(system.diameter.mean()) / 2 * float(camera.stretch[1])),
         bead=bonds[bond, 0] + (share > 0.5),
         filament=system.filament_of_bead[bonds[bond, 0]],
     )
 
 
-def _render(tubes: _Tubes, base: FloatArray, origin: FloatArray, shape: tuple[int, int], pixel: float) -> FloatArray:
+def render_tubes(
+    tubes: Tubes, base: FloatArray, origin: FloatArray, shape: tuple[int, int], pixel: float
+) -> FloatArray:
     """(rows, columns, 4) image of shaded tubes by a depth buffer: every point is a ball, shaded as its tube."""
     rows, columns = shape
     place = (tubes.points[:, :2] - origin) / pixel
     corner = np.floor(place).astype(np.int64)
-    reach = int(np.ceil(tubes.radius / pixel))
-    offsets = np.array([(i, j) for i in range(-reach, reach + 1) for j in range(-reach, reach + 1)])
     r = tubes.radius / pixel
+    largest = float(r.max())
+    reach = int(np.ceil(largest))
+    offsets = np.array([(i, j) for i in range(-reach, reach + 1) for j in range(-reach, reach + 1)])
     depth = tubes.points[:, 2] / pixel
-    depth = depth - depth.min() + r + 1
+    depth = depth - depth.min() + largest + 1
     # depth in the high bits, then the point: the largest is what the eye meets
-    levels = (2.0**30) / (depth.max() + r + 1)
+    levels = (2.0**30) / (depth.max() + largest + 1)
     nearest = np.zeros(rows * columns, dtype=np.int64)
     index = np.arange(len(place), dtype=np.int64)
     for i, j in offsets:
@@ -728,8 +592,8 @@ def _render(tubes: _Tubes, base: FloatArray, origin: FloatArray, shape: tuple[in
     hit = np.flatnonzero(nearest)
     point = nearest[hit] & 0xFFFFFFFF
     normal = np.empty((len(hit), 3))
-    normal[:, 0] = (hit % columns + 0.5 - place[point, 0]) / r
-    normal[:, 1] = (hit // columns + 0.5 - place[point, 1]) / r
+    normal[:, 0] = (hit % columns + 0.5 - place[point, 0]) / r[point]
+    normal[:, 1] = (hit // columns + 0.5 - place[point, 1]) / r[point]
     normal[:, 2] = np.sqrt(np.maximum(1 - normal[:, 0] ** 2 - normal[:, 1] ** 2, 0))
     tangent = tubes.tangent[point]
     normal -= (normal * tangent).sum(axis=1, keepdims=True) * tangent
@@ -744,7 +608,7 @@ def _render(tubes: _Tubes, base: FloatArray, origin: FloatArray, shape: tuple[in
     fall = np.zeros(shape)
     for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
         fall = np.maximum(fall, np.roll(surface, shift, axis) - surface)
-    shadow = 1 - 0.5 * np.clip(fall.ravel()[hit] / (2 * r), 0, 1)
+    shadow = 1 - 0.5 * np.clip(fall.ravel()[hit] / (2 * r[point]), 0, 1)
     bright = (0.38 + 0.72 * diffuse) * (0.55 + 0.45 * normal[:, 2]) * shadow
     image = np.zeros((rows * columns, 4))
     image[hit, :3] = np.clip(base[point] * bright[:, None] + 0.22 * (shine * shadow)[:, None], 0, 1)
@@ -752,7 +616,7 @@ def _render(tubes: _Tubes, base: FloatArray, origin: FloatArray, shape: tuple[in
     return image.reshape(rows, columns, 4)
 
 
-def _draw_platens(ax: Axes, view: BundleView, camera: _Camera, positions: FloatArray, depth: float) -> FloatArray:
+def _draw_platens(ax: Axes, view: BundleView, camera: Camera, positions: FloatArray, depth: float) -> FloatArray:
     """Draw the outlines; (n, 3) their corners."""
     from matplotlib.patches import Polygon
 
@@ -787,7 +651,7 @@ def _draw_platens(ax: Axes, view: BundleView, camera: _Camera, positions: FloatA
     return drawn
 
 
-def _draw_scale(ax: Axes, view: BundleView, camera: _Camera, points: FloatArray) -> FloatArray:
+def _draw_scale(ax: Axes, view: BundleView, camera: Camera, points: FloatArray) -> FloatArray:
     """Bar of a round length along x below everything at ``points`` (n, 3), the axes beside it; (n, 2) points drawn."""
     low, high = points.min(axis=0), points.max(axis=0)
     seen = camera(points)[:, :2]
@@ -835,7 +699,7 @@ def figure_bundle_3d(system: FilamentSystem, positions: FloatArray, view: Bundle
         raise InputError("system", "one bead a filament", "filaments of two beads or more (draw sections in 2D)")
     if positions.shape != (system.n_beads, 3) or not np.all(np.isfinite(positions)):
         raise InputError("positions", positions.shape, f"shape ({system.n_beads}, 3), finite")
-    camera = _Camera.of(view)
+    camera = Camera.of(view)
     radius = float(system.diameter.mean()) / 2 * view.exaggeration
     seen = camera(positions)[:, :2]
     low, high = seen.min(axis=0) - 1.5 * radius, seen.max(axis=0) + 1.5 * radius
@@ -844,7 +708,7 @@ def figure_bundle_3d(system: FilamentSystem, positions: FloatArray, view: Bundle
     run = float(np.linalg.norm(seen[bonds[:, 1]] - seen[bonds[:, 0]], axis=1).sum())
     for _ in range(8):
         step = max(0.5 * radius, pixel)
-        if run / step * (2 * np.ceil(radius / pixel) + 1) ** 2 <= _PIXEL_BUDGET:
+        if run / step * (2 * np.ceil(radius / pixel) + 1) ** 2 <= PIXEL_BUDGET:
             break
         pixel *= 1.25
     tubes = _tubes(system, positions, camera, step)
@@ -861,7 +725,7 @@ def figure_bundle_3d(system: FilamentSystem, positions: FloatArray, view: Bundle
         each = values[tubes.bead] if values.shape == (system.n_beads,) else values[tubes.filament]
         base = np.asarray(colours.mappable().to_rgba(each))[:, :3]
     shape = (int(np.ceil((high[1] - low[1]) / pixel)), int(np.ceil((high[0] - low[0]) / pixel)))
-    image = _render(tubes, base, low, shape, pixel)
+    image = render_tubes(tubes, base, low, shape, pixel)
 
     fig = new_figure(10.0, 4.0)
     with style():

@@ -269,37 +269,56 @@ class Ends(_Table):
 
 
 class Stop(_Table):
-    """``[platens.stop]``: where loading ends, by exactly one of four measures."""
+    """``[platens.stop]``: where loading ends, by exactly one of five measures.
+
+    ``line_force`` is the force on the platen over its length along the filaments (for a section: over its depth).
+    """
 
     displacement: Annotated[float | None, Value("um", above=0.0, most=1e7)] = None
     thickness: Annotated[float | None, Value("um", above=0.0, most=1e7)] = None
     pressure: Annotated[float | None, Value("kPa", above=0.0, most=1e10)] = None
     force: Annotated[float | None, Value("nN", above=0.0)] = None
+    line_force: Annotated[float | None, Value("nN/um", above=0.0)] = None
 
     @model_validator(mode="after")
     def _exactly_one(self) -> Stop:
-        given = [key for key in type(self).model_fields if getattr(self, key) is not None]
+        given = [key for key in Stop.model_fields if getattr(self, key) is not None]
         if len(given) != 1:
-            expected = "exactly one of displacement, thickness, pressure or force"
+            expected = "exactly one of displacement, thickness, pressure, force or line_force"
             raise refusal("", Abridged("{" + ", ".join(given) + "}") if given else NOT_GIVEN, expected)
         return self
 
     @property
     def kind(self) -> str:
-        """Which of the four measures is given."""
-        return next(key for key in type(self).model_fields if getattr(self, key) is not None)
+        """Which of the five measures is given."""
+        return next(key for key in Stop.model_fields if getattr(self, key) is not None)
 
     @property
     def value(self) -> float:
-        """Its value: um, kPa or nN."""
+        """Its value: um, kPa, nN or nN/um."""
         return float(getattr(self, self.kind))
+
+
+class Cycle(Stop):
+    """A row of ``platens.cycles``: an earlier stop, ``times`` over."""
+
+    times: Annotated[int, Value(whole=True, least=1, most=1000)] = 1
+
+
+def _rows(data: Any) -> Any:
+    return tuple(data) if isinstance(data, list) else data
 
 
 class Platens(_Table):
     """``[platens]``: the tools above and below, their motion and where it ends.
 
     ``width`` is along the filaments; ``bottom_width`` is the top's where not given. ``friction`` is that between
-    filament and platen.
+    filament and platen. ``cycles`` are earlier stops: the assembly is loaded to each and unloaded, till the platen
+    feels nothing, before it is loaded to ``stop``, held there and (``unload``) unloaded.
+
+    A crimped platen is a cylinder whose surface leans by ``crimp_angle`` at its edges: along the filaments at those of
+    its width; in a section, which has no length, across them at half of ``crimp_width`` (auto: of the assembly's width
+    as built) from the middle.
     """
 
     shape: Literal["flat", "crimped"] = "flat"
@@ -307,9 +326,11 @@ class Platens(_Table):
     bottom_width: Annotated[float | Literal["full"] | None, Value("um", words=("full",), above=0.0, most=1e7)] = None
     crimp_angle: Annotated[float | None, Value("rad", above=0.0, below=math.pi / 4.0)] = None
     crimp_side: Literal["both", "top"] = "both"
+    crimp_width: AutoLength = "auto"
     curvature: Literal["convex", "concave"] = "convex"
     friction: Friction = 0.3
     speed: AutoSpeed = "auto"
+    cycles: Annotated[tuple[Cycle, ...], BeforeValidator(_rows)] = ()
     stop: Stop
     hold: TimeOrZero = 0.0
     unload: bool = False
@@ -319,12 +340,8 @@ class Platens(_Table):
         if self.shape == "crimped":
             if self.crimp_angle is None:
                 raise refusal("crimp_angle", NOT_GIVEN, _field_value(Platens, "crimp_angle").expected)
-            if self.width == "full":
-                raise refusal("width", "full", "a length such as '0.5 mm': the arc of a crimped platen has an end")
-            if self.crimp_side == "both" and self.bottom_width == "full":
-                raise refusal("bottom_width", "full", "a length such as '0.5 mm', or crimp_side = 'top'")
             return self
-        for key in ("crimp_angle", "crimp_side", "curvature"):
+        for key in ("crimp_angle", "crimp_side", "crimp_width", "curvature"):
             if getattr(self, key) != type(self).model_fields[key].default:
                 raise refusal(key, self._shown(key), "no such key with shape = 'flat' (or shape = 'crimped')")
         return self
@@ -531,7 +548,13 @@ def _check_tension(scene: Scene) -> None:
 
 
 def _check_stop(scene: Scene) -> None:
-    stop, diameter, height = scene.platens.stop, scene.filament.diameter, _height(scene)
+    for i, cycle in enumerate(scene.platens.cycles):
+        _check_one_stop(scene, f"platens.cycles.{i}", cycle)
+    _check_one_stop(scene, "platens.stop", scene.platens.stop)
+
+
+def _check_one_stop(scene: Scene, key: str, stop: Stop) -> None:
+    diameter, height = scene.filament.diameter, _height(scene)
     # filaments can spread until they lie side by side, one diameter thick; a single one only dents
     thinnest = diameter if scene.assembly.count > 1 else 0.5 * diameter
     if stop.displacement is not None and stop.displacement > height - thinnest:
@@ -539,10 +562,10 @@ def _check_stop(scene: Scene) -> None:
             f"at most {_length_um(height - thinnest)}: the bundle is {_length_um(height)} high and no thinner than "
             f"{_length_um(thinnest)}"
         )
-        raise refusal("platens.stop.displacement", stop._shown("displacement"), expected)
+        raise refusal(f"{key}.displacement", stop._shown("displacement"), expected)
     if stop.thickness is not None and not thinnest <= stop.thickness < height:
         expected = f"from {_length_um(thinnest)} (solid filaments side by side) to below the {_length_um(height)} built"
-        raise refusal("platens.stop.thickness", stop._shown("thickness"), expected)
+        raise refusal(f"{key}.thickness", stop._shown("thickness"), expected)
 
 
 def _check_widths(scene: Scene) -> None:
@@ -555,6 +578,21 @@ def _check_widths(scene: Scene) -> None:
                 f"{_length_um(length)}"
             )
             raise refusal(f"platens.{key}", scene.platens._shown(key), expected)
+
+
+def _check_crimp(scene: Scene) -> None:
+    """A crimped platen is curved along the filaments, over its width; in a section across them."""
+    platens = scene.platens
+    if platens.shape != "crimped" or scene.model.level == "section":
+        return
+    if platens.width == "full":
+        expected = "a length such as '0.5 mm': the arc of a crimped platen has an end"
+        raise refusal("platens.width", "full", expected)
+    if platens.crimp_side == "both" and platens.bottom_width == "full":
+        raise refusal("platens.bottom_width", "full", "a length such as '0.5 mm', or crimp_side = 'top'")
+    if platens.crimp_width != "auto":
+        expected = "no such key but with level = 'section': elsewhere platens.width is what is curved"
+        raise refusal("platens.crimp_width", platens._shown("crimp_width"), expected)
 
 
 def _check_spacing(scene: Scene) -> None:
@@ -635,11 +673,12 @@ def _check_section(scene: Scene) -> None:
         raise refusal("assembly.twist", bundle._shown("twist"), f"0: {none_along}")
     if bundle.migration is not None:
         raise refusal("assembly.migration", Abridged("{...}"), f"no such table: {none_along}")
-    if scene.platens.shape != "flat":
-        raise refusal("platens.shape", scene.platens.shape, f"'flat': {none_along}")
     if scene.model.far_field in ("graded", "condensed"):
         raise refusal("model.far_field", scene.model.far_field, f"'auto' or 'none': {none_along}")
     periodic = scene.ends.support == "symmetry" and scene.platens.width == "full"
+    if level == "subbundle" and scene.platens.shape != "flat":
+        expected = "'flat' with model.level = 'subbundle' (or 'section', whose platens may be curved)"
+        raise refusal("platens.shape", scene.platens.shape, expected)
     if scene.ends.support != "simply-supported" and not periodic:
         expected = (
             f"'simply-supported' with level = {level!r} (its springs are those of such filaments), or 'symmetry' with "
@@ -662,6 +701,7 @@ Scene.CHECKS = (
     _check_tension,
     _check_stop,
     _check_widths,
+    _check_crimp,
     _check_spacing,
     _check_torsion,
     _check_far_field,
@@ -705,10 +745,7 @@ def load_scene(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
 def read_tables(source: str | Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
     """The tables of a TOML file or of a shipped scene, named and with overrides, not yet validated."""
     text, name = _source(source)
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError("scene", str(source), _toml_expectation(text, error)) from None
+    data = read_toml(text, "scene", str(source))
     data.setdefault("name", name)
     _insert_centres(data, Path(source).parent)
     _insert_law(data, Path(source).parent)
@@ -716,6 +753,27 @@ def read_tables(source: str | Path, overrides: Sequence[str] = ()) -> dict[str, 
     _insert_centres(data, Path())
     _insert_law(data, Path())
     return data
+
+
+def read_toml(text: str, key: str, source: str) -> dict[str, Any]:
+    """Tables of TOML text; InputError with the line that is wrong, for ``key`` and the ``source`` of the text."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(key, source, _toml_expectation(text, error)) from None
+
+
+def joined_overrides(*groups: Sequence[str]) -> tuple[str, ...]:
+    """Overrides of several groups as one: a later group's take the place of the same keys, and of the alternatives that
+    they replace, in earlier ones; InputError for a text that is no override."""
+    joined: dict[str, str] = {}
+    for group in groups:
+        new = {_override_parts(text)[0]: text for text in group}
+        for key in new:
+            for other in (key, *_SUPERSEDES.get(key, ())):
+                joined.pop(other, None)
+        joined |= new
+    return tuple(joined.values())
 
 
 def scene_from_dict(data: Mapping[str, Any]) -> Scene:
@@ -749,7 +807,7 @@ def scene_description(name: str) -> str:
 def scene_text(name: str) -> str:
     """The TOML of a shipped scene, comments and all; raises :class:`InputError` for an unknown name."""
     if name not in shipped_scenes():
-        raise InputError("scene", name, "the name of a shipped scene" + _meant(name, shipped_scenes()))
+        raise InputError("scene", name, "the name of a shipped scene" + meant(name, shipped_scenes()))
     return resources.files("cgfibre").joinpath("scenes", f"{name}.toml").read_text(encoding="utf-8")
 
 
@@ -770,7 +828,7 @@ def _source(source: str | Path) -> tuple[str, str]:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else "not a text file"
     expected = f"a TOML file that can be read ({reason.lower()})"
     if isinstance(source, str) and path.suffix != ".toml" and os.sep not in source:
-        expected = f"a TOML file or a shipped scene{_meant(source, shipped_scenes()) or ' (cgfibre scenes lists them)'}"
+        expected = f"a TOML file or a shipped scene{meant(source, shipped_scenes()) or ' (cgfibre scenes lists them)'}"
     raise InputError("scene", str(source), expected)
 
 
@@ -819,9 +877,7 @@ def _toml_expectation(text: str, error: tomllib.TOMLDecodeError) -> str:
 def _override(data: dict[str, Any], overrides: Sequence[str]) -> None:
     given = {}
     for text in overrides:
-        key, equals, value = (part.strip() for part in text.partition("="))
-        if not equals or not re.fullmatch(r"\w+(\.\w+)*", key):
-            raise InputError("--set", text, 'table.key=value, such as filament.diameter="9 um"')
+        key, value = _override_parts(text)
         given[key] = _toml_value(value)
     for key, value in given.items():
         for other in _SUPERSEDES.get(key, ()):
@@ -829,6 +885,14 @@ def _override(data: dict[str, Any], overrides: Sequence[str]) -> None:
                 _table(data, other)[0].pop(other.rpartition(".")[2], None)
         table, last = _table(data, key, make=True)
         table[last] = value
+
+
+def _override_parts(text: str) -> tuple[str, str]:
+    """Key and value of an override."""
+    key, equals, value = (part.strip() for part in text.partition("="))
+    if not equals or not re.fullmatch(r"\w+(\.\w+)*", key):
+        raise InputError("--set", text, 'table.key=value, such as filament.diameter="9 um"')
+    return key, value
 
 
 def _toml_value(text: str) -> Any:
@@ -890,8 +954,9 @@ def _expected(loc: Sequence[str], root: type[BaseModel]) -> str:
     if field is None:
         return "a table of keys"
     for metadata in field.metadata:
-        if isinstance(metadata, Value):
-            return metadata.expected
+        expected = getattr(metadata, "expected", None)
+        if isinstance(expected, str):
+            return expected
     if _model(field) is not None:
         return f"a table [{'.'.join(loc)}]"
     choices = getattr(field.annotation, "__args__", ())
@@ -906,6 +971,8 @@ def _field(loc: Sequence[str], root: type[BaseModel]) -> FieldInfo | None:
     model: type[BaseModel] | None = root
     field = None
     for key in loc:
+        if key.isdigit():  # a place in a list of tables
+            continue
         field = model.model_fields.get(key) if model is not None else None
         if field is None:
             return None
@@ -942,7 +1009,8 @@ def _all_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
     return keys
 
 
-def _meant(name: str, names: Iterable[str]) -> str:
+def meant(name: str, names: Iterable[str]) -> str:
+    """ " (did you mean ...?)", or nothing where no name looks alike."""
     near = difflib.get_close_matches(name, list(names), n=3)
     return f" (did you mean {' or '.join(near)}?)" if near else ""
 

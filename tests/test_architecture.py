@@ -21,11 +21,12 @@ LAYERS = [
     {"scene", "build"},
     {"plan", "measure", "plot", "store"},
     {"engine"},
-    {"review", "cases", "plot_friction", "plot_towtest", "plot_subbundle"},
+    {"review", "cases", "plot_friction", "plot_section", "plot_study", "plot_subbundle", "plot_towtest", "plot_weave"},
     {"pictures", "certify"},
     {"workflow", "stability", "micrograph", "signals", "towtest", "homogenise"},
     {"capstan"},
-    {"chart"},
+    {"sweep"},
+    {"chart", "study"},
     {"doctor", "report"},
     {"cli"},
     {"__main__"},
@@ -83,7 +84,7 @@ def users(library):
 def test_one_place_knows_each_library():
     assert users("h5py") == {"store"}
     assert users("MDAnalysis") == {"store"}
-    assert users("matplotlib") == {"plot"}
+    assert users("matplotlib") == {"plot", "plot_section", "plot_weave"}
     assert users("pint") == {"units"}
     assert users("click") == {"cli"}
     assert users("rich") <= {"report"}

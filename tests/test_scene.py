@@ -413,7 +413,7 @@ BAD = [
     ({"ends.tension": "4 N"}, "ends.tension", "a strain of 5 %"),
     # platens
     ({"platens.stop": ABSENT}, "platens.stop", "a table [platens.stop]"),
-    ({"platens.stop": {}}, "platens.stop", "exactly one of displacement, thickness, pressure or force"),
+    ({"platens.stop": {}}, "platens.stop", "exactly one of displacement, thickness, pressure, force or line_force"),
     ({"platens.stop.force": "1 mN"}, "platens.stop", "{displacement, force}: expected exactly one"),
     ({"platens.stop.displacement": "50 um"}, "platens.stop.displacement", "at most 47.42 um"),
     ({"platens.stop": {"thickness": "5 um"}}, "platens.stop.thickness", "from 7 um"),
@@ -475,7 +475,8 @@ BAD = [
     # things along the length have no meaning in a section
     (SECTION | TWIST, "assembly.twist", "no length along the filaments"),
     (SECTION | {"assembly.migration": {"period": "1 mm"}}, "assembly.migration", "no length along"),
-    (SECTION | CRIMPED, "platens.shape", "no length along the filaments"),
+    (CRIMPED | {"platens.crimp_width": "50 um"}, "platens.crimp_width", "with level = 'section'"),
+    ({"platens.crimp_width": "50 um"}, "platens.crimp_width", "shape = 'flat'"),
     (SECTION | {"model.spacing": "7 um"}, "model.spacing", "a section has no filament length"),
     (SECTION | {"model.torsion": "dihedral"}, "model.torsion", "a section has no filament length"),
     (SECTION | {"model.far_field": "graded"}, "model.far_field", "no length along the filaments"),
