@@ -193,7 +193,7 @@ def test_number_of_discs(arrangement, filaments, expected):
           "assembly__fibre_volume_fraction": 0.5},
          "assembly.arrangement"),
         ({"model__level": "section"}, "assembly.subbundle"),
-        ({"platens__shape": "crimped", "platens__crimp_angle": 0.08}, "platens.shape"),
+        ({"platens__shape": "crimped", "platens__crimp_angle": "4.4 deg"}, "platens.shape"),
         ({"assembly__subbundle": {"law": "no such"}}, "assembly.subbundle.law"),
     ],
 )  # fmt: skip
