@@ -70,7 +70,7 @@ class Review:
 
 def mid_plane(scene: Scene, plan: Plan) -> float:
     """x of the plane under the middle of the platen, um."""
-    return 0.0 if plan.level == "section" else scene.assembly.length / 2
+    return 0.0 if plan.flat else scene.assembly.length / 2
 
 
 def platen_gaps(plan: Plan, system: FilamentSystem, displacement: float) -> tuple[Gap, Gap]:
@@ -194,7 +194,7 @@ def _guards(scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, fram
                 f"beads past the {('top', 'bottom')[side]} platen",
             )
         )
-    if plan.level != "section":
+    if not plan.flat:
         found.append(guards.stretch(system, frames, plan.axial_softening))
         found.append(guards.largest_bend(system, frames))
         found.append(_gone_guard(scene, plan, system, frames))
@@ -287,7 +287,9 @@ def _slide_guard(plan: Plan, system: FilamentSystem, frames: Frames) -> Guard:
 def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> list[Guard]:
     """Guards on every sample of the run, not on the few frames alone."""
     d = float(np.max(system.diameter))
-    softening, factor = plan.contact.softening, np.ones(len(extremes.closest))
+    # a sub-bundle's law goes as far as its table; softened or not, overlap is the model
+    softening = 1.0 if plan.discs is not None else plan.contact.softening
+    factor = np.ones(len(extremes.closest))
     if extremes.balance is not None:
         factor = extremes.balance.factor[1:]
     found = [_depth_guard("overlap of filaments", 1 - extremes.closest / d, softening, factor)]
@@ -309,7 +311,7 @@ def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> l
             )
         else:
             found.append(_depth_guard("overlap with a platen", reach / d, softening, factor))
-    if plan.level == "section" and plan.discs == "engine" and plan.springs[1] > 0:
+    if plan.flat and plan.disc_fixes == "engine" and plan.springs[1] > 0:
         turn = float(np.max(extremes.turn))
         found.append(
             Guard(
@@ -414,7 +416,7 @@ def frame_statistics(
 
 def contact_length(plan: Plan, system: FilamentSystem) -> FloatArray:
     """(n_beads,) length of contact line that a bead stands for, um; 0 where beads do not touch."""
-    if plan.level == "section":
+    if plan.flat:
         return np.full(system.n_beads, plan.depth)
     role = np.tile(plan.beads.role, system.n_filaments)
     return np.where(role == 0, plan.spacing, 0.0)

@@ -105,7 +105,7 @@ def frames_of(folder: Path, system: FilamentSystem, plan: Plan, raw: RawRecord) 
     """
     found: dict[int, FloatArray] = {}
     for step, positions in iterate_frames(folder / "trajectory.lammpstrj", moved_beads(system, plan)):
-        if plan.level == "section":
+        if plan.flat:
             # a section's y, z were LAMMPS' x, y
             positions = np.column_stack([np.zeros(len(positions)), positions[:, 0], positions[:, 1]])
         found[step] = whole_of(positions, system, plan)

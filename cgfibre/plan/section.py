@@ -176,7 +176,7 @@ def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) 
         depth=depth,
         springs=(k, turn),
         spring_law=large,
-        discs="plugin" if plugin else "engine",
+        disc_fixes="plugin" if plugin else "engine",
         stiffen=float(softening.value) if plugin and scene.contact.softening == "auto" else 1.0,
     )
 
