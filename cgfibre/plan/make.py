@@ -32,9 +32,9 @@ def make_plan(scene: Scene) -> Plan:
 
 def _placing(scene: Scene, out: Outline) -> list[Choice]:
     """How far centres from a file were moved to clear their overlaps."""
-    if scene.assembly.centres is None:
+    if scene.bundle.centres is None:
         return []
-    asked = np.array(scene.assembly.centres)
+    asked = np.array(scene.bundle.centres)
     moved = np.hypot(*(out.centres - (asked - asked.mean(axis=0))).T)
     n = int(np.sum(moved > 1e-6 * scene.filament.diameter))
     if n == 0:

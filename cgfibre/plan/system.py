@@ -19,7 +19,7 @@ def build_system(scene: Scene, plan: Plan) -> FilamentSystem:
 
     A periodic cell (symmetry ends) closes every filament on itself, with the box one cell long.
     """
-    a = scene.assembly
+    a = scene.bundle
     rng = np.random.default_rng(a.seed)
     spec = BundleSpec(
         filament=scene_filament(scene),
