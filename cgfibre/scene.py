@@ -266,7 +266,7 @@ class Scene(Table):
     filament: Filament
     assembly: Annotated[Bundle | Weave, BeforeValidator(_assembly)]
     ends: Ends = Ends()
-    cell: Cell = Cell()
+    cell: Cell | None = None
     platens: Platens
     contact: Contact = Contact()
     model: Model = Model()
@@ -295,6 +295,11 @@ class Scene(Table):
         if not isinstance(self.assembly, Weave):
             raise InputError("assembly.kind", self.assembly.kind, "'weave'")
         return self.assembly
+
+    @property
+    def in_plane(self) -> Cell:
+        """What happens to a weave in its plane."""
+        return self.cell or Cell()
 
     @property
     def is_weave(self) -> bool:
@@ -348,7 +353,7 @@ def _height(scene: Scene) -> float:
 
 def _check_kind(scene: Scene) -> None:
     """What belongs to weaves alone."""
-    if not scene.cell.at_rest:
+    if scene.cell is not None:
         raise refusal("cell", Abridged("{...}"), "no such table with assembly.kind = 'bundle': it belongs to a weave")
     if scene.model.resolve != "auto":
         expected = "no such key with assembly.kind = 'bundle': it belongs to a weave"
@@ -575,14 +580,11 @@ def _check_woven(scene: Scene) -> None:
     if contact.stiffness is not None and contact.law not in ("auto", "linear", "exponential"):
         expected = "no such key: it belongs to the laws 'linear' and 'exponential'"
         raise refusal("contact.stiffness", contact.stiffness, expected)
-    for name, tow in (("tow", scene.weave.tow), ("weft", scene.weave.weft)):
-        if model.resolve == "filament" and tow.filaments is None:
-            expected = "a number of filaments with model.resolve = 'filament'"
-            raise refusal(f"assembly.{name}.filaments", NOT_GIVEN, expected)
-        fill = (tow.filaments or 0) * math.pi * scene.filament.diameter**2 / 4 / (tow.width * tow.thickness)
-        if fill > 1:
-            most = math.floor(tow.filaments / fill) if tow.filaments else 0
-            raise refusal(f"assembly.{name}.filaments", tow.filaments, f"at most {most}: no more fit the section")
+    if model.resolve == "filament":
+        for name, tow in (("tow", scene.weave.tow), ("weft", scene.weave.weft)):
+            if tow.filaments is None:
+                expected = "a number of filaments with model.resolve = 'filament'"
+                raise refusal(f"assembly.{name}.filaments", NOT_GIVEN, expected)
 
 
 def _check_woven_stop(scene: Scene) -> None:
@@ -598,10 +600,11 @@ def _check_woven_stop(scene: Scene) -> None:
 
 def _check_in_plane(scene: Scene) -> None:
     """Strain and tension of one direction exclude each other."""
+    cell = scene.in_plane
     for axis, tow in (("x", "warp"), ("y", "weft")):
-        if getattr(scene.cell.strain, axis) != 0 and getattr(scene.cell.tension, tow) != 0:
+        if getattr(cell.strain, axis) != 0 and getattr(cell.tension, tow) != 0:
             expected = f"0 N where cell.strain.{axis} is given: one follows from the other"
-            raise refusal(f"cell.tension.{tow}", scene.cell.tension._shown(tow), expected)
+            raise refusal(f"cell.tension.{tow}", cell.tension._shown(tow), expected)
 
 
 Scene.WEAVE_CHECKS = (_check_woven, _check_woven_stop, _check_in_plane)

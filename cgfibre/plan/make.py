@@ -12,6 +12,7 @@ from cgfibre.plan.level import choose_level
 from cgfibre.plan.model import Choice, Plan
 from cgfibre.plan.outline import Outline, outline
 from cgfibre.plan.section import plan_section
+from cgfibre.plan.weave import plan_weave
 from cgfibre.scene import Scene, scene_from_dict
 
 PLANNERS: dict[str, Callable[[Scene, Outline, str, list[Choice]], Plan]] = {
@@ -23,6 +24,8 @@ PLANNERS: dict[str, Callable[[Scene, Outline, str, list[Choice]], Plan]] = {
 
 def make_plan(scene: Scene) -> Plan:
     """The plan of a scene; InputError names what in the scene cannot be modelled."""
+    if scene.is_weave:
+        return plan_weave(scene)
     out = outline(scene)
     level = choose_level(scene, out)
     if level.value not in PLANNERS:
