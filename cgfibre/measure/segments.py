@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cgfibre.build.overlap import segment_distance
 from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
 from cgfibre.errors import InputError
 from cgfibre.measure.contacts import Contacts
@@ -18,22 +19,6 @@ SLAB = 100_000  # pieces searched at a time
 GAUSS = 1 / np.sqrt(3)
 #: of a segment: stretches as short come and go with the rounding of stored positions
 SLIVER = 1e-4
-
-
-def segment_distance(p: FloatArray, u: FloatArray, q: FloatArray, v: FloatArray) -> FloatArray:
-    """Least distance of segments p + s u and q + t v, 0 <= s, t <= 1, of (n, 3) each (Ericson, Real-Time Collision
-    Detection, 5.1.9)."""
-    r = p - q
-    a, e, f = (u * u).sum(1), (v * v).sum(1), (v * r).sum(1)
-    b, c = (u * v).sum(1), (u * r).sum(1)
-    det = a * e - b * b
-    parallel = det <= 1e-12 * a * e
-    s = np.clip((b * f - c * e) / np.where(parallel, 1.0, det), 0, 1)
-    s[parallel] = 0
-    t = (b * s + f) / e
-    s = np.clip((b * np.clip(t, 0, 1) - c) / a, 0, 1)
-    t = np.clip((b * s + f) / e, 0, 1)
-    return np.linalg.norm(r + s[:, None] * u - t[:, None] * v, axis=1)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,207 @@
+"""Woven tows as FilamentSystems: a chain a tow, a ribbon of chains a tow, or every filament of every tow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cgfibre.build.overlap import initial_overlap
+from cgfibre.build.system import FilamentSystem, FilamentType, FloatArray
+from cgfibre.build.tow_path import TowPath, resample, stations
+from cgfibre.build.tow_shape import SECTIONS, TowShape
+from cgfibre.build.weave_spec import (
+    WeaveGeometry,
+    WeaveSpec,
+    consistent_plain,
+    minimum_spacing,
+    pattern_from_rows,
+    plain,
+    satin,
+    twill,
+    weave_geometry,
+    weave_paths,
+)
+from cgfibre.errors import InputError
+
+__all__ = [
+    "SECTIONS",
+    "TowPath",
+    "TowShape",
+    "WeaveGeometry",
+    "WeaveSpec",
+    "consistent_plain",
+    "initial_overlap",
+    "minimum_spacing",
+    "pattern_from_rows",
+    "plain",
+    "resample",
+    "ribbon_system",
+    "satin",
+    "tow_system",
+    "twill",
+    "weave_geometry",
+    "weave_paths",
+]
+
+#: overlap of tows that is let be, of the thinner one's thickness
+CLEAR = 1e-6
+#: times that a spec's gap is opened
+ROUNDS = 8
+#: what is built: a spec, or paths with the periodic cell's edges (x, y) um (``None``: a patch)
+Woven = WeaveSpec | tuple[Sequence[TowPath], tuple[float, float] | None]
+
+
+def tow_system(woven: Woven, types: FilamentType | tuple[FilamentType, FilamentType], spacing: float) -> FilamentSystem:
+    """Every tow one chain on its centre line, tow after tow, warp tows first (tow number = filament number).
+
+    ``woven`` a spec, or (paths, cell) with the cell's edges in um (``None`` for a patch); ``types`` of all tows or of
+    (warp, weft) tows; ``spacing`` um, largest distance of beads along the tow, with a bead on every crossing
+    (:func:`stations`). Periodic: closed chains in a cell periodic along x and y. Prestrain is 0.
+    Chords between beads dip into the tow they cross, by about (kappa s)^2 D / 4 for curvature kappa: a spec's gap is
+    opened by what overlaps until less than :data:`CLEAR` of the thickness is left. Provenance: the spec, the gap added
+    and the largest overlap as built. Raises :class:`InputError` for a diameter above
+    the tow's thickness, and as :func:`weave_paths`.
+    """
+    kinds = _kinds(types)
+
+    def build(woven: Woven) -> FilamentSystem:
+        paths, cell, spec = _woven(woven)
+        chains = []
+        for path in paths:
+            _fits(kinds[0 if path.is_warp else -1].diameter, path.shape)
+            chains.append((path, resample(path, spacing=spacing)))
+        return _system("tow_system", chains, kinds, cell, spec, {"spacing": spacing})
+
+    return _cleared(woven, build)
+
+
+def ribbon_system(
+    woven: Woven,
+    types: FilamentType | tuple[FilamentType, FilamentType],
+    spacing: float,
+    chains: int | tuple[int, int] | None = None,
+) -> FilamentSystem:
+    """Flat tows as ribbons: parallel chains across the width, of equal distance, one tow number each.
+
+    Chain k of m stands (k - (m - 1) / 2) (w - D) / (m - 1) across the tow, so that the outermost rods end at its
+    width; ``types`` are those of one chain, D its diameter, at most the thickness. ``chains`` of (warp, weft) tows, at least
+    2 (a round tow is one); ``None`` takes as many as stand side by side without a gap, ceil((w - D) / D) + 1. Rods of
+    one thickness make a racetrack whatever the section: a spec's paths are made for racetracks of its widths and
+    thicknesses, so that none overlap. Chains of one tow may stand in each other: leave out contacts inside a tow.
+    Raises :class:`InputError` as :func:`tow_system`.
+    """
+    if isinstance(woven, WeaveSpec):
+        woven = replace(woven, warp=_racetrack(woven.warp), weft=_racetrack(woven.weft))
+    kinds = _kinds(types)
+    counts = chains if isinstance(chains, tuple) else (chains, chains)
+
+    def build(woven: Woven) -> FilamentSystem:
+        paths, cell, spec = _woven(woven)
+        rods = []
+        for path in paths:
+            d = kinds[0 if path.is_warp else -1].diameter
+            _fits(d, path.shape)
+            room = path.shape.width - d
+            m = counts[0 if path.is_warp else 1]
+            if m is None:
+                m = int(np.ceil(room / d - 1e-9)) + 1 if room > 1e-9 * d else 1
+            if m < (2 if room > 1e-9 * d else 1):
+                raise InputError("ribbon.chains", m, "at least 2 chains a tow (1 a round tow)")
+            points, tangent, normal = path.at(stations(path, spacing=spacing))
+            across = np.cross(normal, tangent)
+            offset = np.linspace(-0.5 * room, 0.5 * room, m) if m > 1 else np.zeros(1)
+            rods += [(path, points + y * across) for y in offset]
+        return _system("ribbon_system", rods, kinds, cell, spec, {"spacing": spacing, "chains": chains})
+
+    return _cleared(woven, build)
+
+
+def _cleared(woven: Woven, build: Callable[[Woven], FilamentSystem]) -> FilamentSystem:
+    """The system with the gap opened until no tows overlap by more than :data:`CLEAR`; paths as they are."""
+    system = build(woven)
+    if not isinstance(woven, WeaveSpec):
+        return system
+    gap, limit = woven.gap, CLEAR * min(woven.warp.thickness, woven.weft.thickness)
+    for _ in range(ROUNDS):
+        overlap = initial_overlap(system, between_tows=True)[0]
+        if overlap <= limit:
+            break
+        gap += 1.01 * overlap
+        system = build(replace(woven, gap=gap))
+    return replace(system, provenance={**system.provenance, "gap_added_um": gap - woven.gap})
+
+
+def _racetrack(shape: TowShape) -> TowShape:
+    return shape if shape.section == "circular" else replace(shape, section="racetrack")
+
+
+def _woven(woven: Woven) -> tuple[list[TowPath], tuple[float, float] | None, dict[str, Any]]:
+    """Paths, the periodic cell, and the provenance of both."""
+    if not isinstance(woven, WeaveSpec):
+        paths, cell = list(woven[0]), woven[1]
+        if not paths:
+            raise InputError("paths", 0, "at least one tow")
+        if any(p.closed for p in paths) and cell is None:
+            raise InputError("cell", None, "the cell's edges for tows that run on through its boundary")
+        return paths, cell, {"paths": len(paths)}
+    spec = {
+        "pattern": ["".join("X" if over else "." for over in row) for row in woven.pattern],
+        "warp": [woven.warp.section, woven.warp.width, woven.warp.thickness],
+        "weft": [woven.weft.section, woven.weft.width, woven.weft.thickness],
+        "warp_spacing": woven.warp_spacing,
+        "weft_spacing": woven.weft_spacing,
+        "counts": list(woven.counts),
+        "gap": woven.gap,
+        "amplitudes": list(woven.amplitudes),
+        "path": woven.path,
+        "ends": None if woven.periodic else woven.ends,
+    }
+    return weave_paths(woven), woven.size if woven.periodic else None, spec
+
+
+def _kinds(types: FilamentType | tuple[FilamentType, FilamentType]) -> tuple[FilamentType, ...]:
+    """One type, or those of warp and weft."""
+    return types if isinstance(types, tuple) else (types,)
+
+
+def _fits(diameter: float, shape: TowShape) -> None:
+    if diameter > shape.thickness * (1.0 + 1e-9):
+        raise InputError("type.diameter", diameter, f"at most the tow's thickness, {shape.thickness:g} um")
+
+
+def _system(
+    builder: str,
+    chains: list[tuple[TowPath, FloatArray]],
+    kinds: tuple[FilamentType, ...],
+    cell: tuple[float, float] | None,
+    spec: dict[str, Any],
+    asked: dict[str, Any],
+) -> FilamentSystem:
+    positions = np.concatenate([points for _, points in chains])
+    d = max(kind.diameter for kind in kinds)
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    # height to spare: a tow's thickness or a diameter beyond the outermost surfaces
+    room = max(d, max(path.shape.thickness for path, _ in chains))
+    box = np.column_stack([low - room, high + room])
+    if cell is not None:
+        box[0], box[1] = (0.0, cell[0]), (0.0, cell[1])
+    kind = np.array([0 if path.is_warp or len(kinds) == 1 else 1 for path, _ in chains], dtype=np.int64)
+    n = len(chains)
+    system = FilamentSystem(
+        positions=positions,
+        filament_start=np.concatenate([[0], np.cumsum([len(points) for _, points in chains])]).astype(np.int64),
+        closed=np.array([path.closed for path, _ in chains]),
+        tow=np.array([path.index for path, _ in chains], dtype=np.int64),
+        filament_type=kind,
+        types=kinds,
+        box=box,
+        periodic=np.array([cell is not None, cell is not None, False]),
+        prestrain=np.zeros(n),
+        provenance={"builder": builder, "spec": spec, **asked},
+    )
+    overlap, pair = initial_overlap(system, between_tows=builder == "ribbon_system")
+    measured = {"largest_overlap_um": overlap, "overlapping_filaments": None if pair is None else list(pair)}
+    return replace(system, provenance={**system.provenance, "measured": measured})
