@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
 from cgfibre.build.system import FloatArray
 from cgfibre.plan.model import Choice, Motion, Sampling
-from cgfibre.plan.motion import BLOCK, CHECKPOINTS, READINGS, SPEED_RATIO, film_time
+from cgfibre.plan.motion import SPEED_RATIO, film_time, in_steps, target
 from cgfibre.scene import Scene
 
 #: part of the load at the stop from which on the accuracy asked for shall hold
@@ -32,9 +34,18 @@ class Estimate(Protocol):
 
 
 def plan_pressing(
-    scene: Scene, estimate: Estimate, mass: float, timestep: float, depth: float, load: float
+    scene: Scene,
+    estimate: Estimate,
+    mass: float,
+    timestep: float,
+    depth: float,
+    load: float,
+    earlier: Sequence[float] = (),
 ) -> tuple[Motion, Sampling, list[Choice]]:
-    """Speeds, phases and sampling: v <= eps F/sqrt(k m) of the whole fabric on its own stiffness, growing with F."""
+    """Speeds, phases and sampling: v <= eps F/sqrt(k m) of the whole fabric on its own stiffness, growing with F.
+
+    ``depth`` um and ``load`` nN at the planned stop, ``earlier`` um of the cycles before it.
+    """
     eps = GAIN * scene.model.accuracy
     reference = estimate.displacement(REFERENCE_LOAD * load)
     d = np.linspace(min(reference, depth / 2), depth, 60)
@@ -68,35 +79,31 @@ def plan_pressing(
             "v sqrt(k m)/eps: below it inertia is more than the accuracy asked for",
         )
     )
-    unload = scene.platens.unload
-    phases = 2 if unload else 1
-    total = film_time(first, last, growth, depth) / timestep
-    every = max(1, round(total * phases / scene.output.samples / READINGS))
-    sample = every * READINGS
-    load_steps = max(sample, math.ceil(total / sample) * sample)
-    first, last = first * total / load_steps, last * total / load_steps
-    hold = math.ceil(scene.platens.hold / timestep / sample) * sample
-    planned = load_steps * phases + hold
-    frame = max(1, round(planned / scene.output.frames / sample)) * sample
-    checkpoint = max(1, round(planned / CHECKPOINTS / frame)) * frame
-    stop = scene.platens.stop
+    length = scene.weave.size[0]
+    stops = [cycle for cycle in scene.platens.cycles for _ in range(cycle.times)]
+    cycles = tuple(target(s, x, length) for s, x in zip(stops, earlier, strict=True))
+    if cycles:
+        why = "unloaded till the platen feels nothing, then loaded from there as the first time"
+        choices.append(Choice("cycles", f"{len(cycles)} before the last loading", why))
+    main = target(scene.platens.stop, depth, length)
     motion = Motion(
         first=first,
         last=last,
         growth=growth,
-        load_steps=load_steps,
-        hold_steps=hold,
-        unload=unload,
-        stop_force=stop.force if stop.force is not None else math.inf,
-        stop_pressure=stop.pressure if stop.pressure is not None else math.inf,
+        load_steps=0,
+        hold_steps=0,
+        unload=scene.platens.unload,
+        stop_force=main.force,
+        stop_pressure=main.pressure,
         planned_displacement=depth,
         quasi_static_impedance=impedance,
         eps=eps,
         fastest=math.inf,
-        pace=_pace((first, last, growth), allowed, d),
+        cycles=cycles,
     )
-    block = math.ceil(BLOCK / sample) * sample
-    return motion, Sampling(sample, every, frame, checkpoint, block), choices
+    motion, sampling = in_steps(scene, motion, timestep)
+    pace = _pace((motion.first, motion.last, growth), allowed, d)
+    return replace(motion, pace=pace), sampling, choices
 
 
 def _pace(speeds: tuple[float, float, float], allowed: tuple[float, float, float], d: FloatArray) -> float:

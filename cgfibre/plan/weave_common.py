@@ -12,7 +12,7 @@ from cgfibre.mechanics import rod
 from cgfibre.plan.contact import TANGENTIAL_DAMPING, TANGENTIAL_RATIO
 from cgfibre.plan.model import CONTACT, LEFT, RIGHT, ROD_DAMPING, Beads, Choice, Woven
 from cgfibre.plan.pressing import Estimate
-from cgfibre.scene import Scene
+from cgfibre.scene import Scene, Stop
 
 #: displacement planned for a stop by load, over that of the static estimate
 MARGIN = 1.5
@@ -102,17 +102,30 @@ def _tow_height(system: FilamentSystem, filament: int, end: int) -> float:
     return float(np.mean(system.positions[ends, 2]))
 
 
-def planned_stop(scene: Scene, height: float, estimate: Estimate) -> tuple[float, float]:
-    """(planned displacement um, load nN expected there); InputError for a stop beyond what a fabric can give."""
-    stop, area = scene.platens.stop, scene.weave.size[0] * scene.weave.size[1]
+def planned_stop(scene: Scene, height: float, estimate: Estimate) -> tuple[float, float, tuple[float, ...]]:
+    """(planned displacement um, load nN expected there, displacements um of the cycles before); InputError for a stop
+    beyond what a fabric can give."""
+    depth, load = _one_stop(scene, "platens.stop", scene.platens.stop, height, estimate)
+    earlier = [
+        _one_stop(scene, f"platens.cycles.{k}", cycle, height, estimate)[0]
+        for k, cycle in enumerate(scene.platens.cycles)
+        for _ in range(cycle.times)
+    ]
+    # a cycle may lead deeper than the last loading
+    return depth, load, tuple(earlier)
+
+
+def _one_stop(scene: Scene, key: str, stop: Stop, height: float, estimate: Estimate) -> tuple[float, float]:
+    length, width = scene.weave.size
     if stop.displacement is not None or stop.thickness is not None:
         depth = stop.displacement if stop.displacement is not None else height - float(stop.thickness or 0.0)
         if not 0 < depth < DEEPEST * height:
             least = (1 - DEEPEST) * height
             expected = f"a thickness from {least:.4g} um to below the {height:.4g} um as built"
-            raise InputError(f"platens.stop.{stop.kind}", f"{stop.value:g} um", expected)
+            raise InputError(f"{key}.{stop.kind}", f"{stop.value:g} um", expected)
         return depth, estimate.force(depth)
-    load = float(stop.force) if stop.force is not None else float(stop.pressure or 0.0) * area
+    loads = (stop.force, (stop.pressure or 0.0) * length * width, (stop.line_force or 0.0) * length)
+    load = next(float(x) for x in loads if x)
     return min(MARGIN * estimate.displacement(load), DEEPEST * height), load
 
 

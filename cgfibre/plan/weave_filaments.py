@@ -71,7 +71,7 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
     height = built_height(system)
     volume = float(np.sum(math.pi / 4 * d**2 * system.bond_lengths()))
     mat = FibreMat(scene.filament.E1, volume / (area * height), height, area)
-    depth, load = planned_stop(scene, height, mat)
+    depth, load, earlier = planned_stop(scene, height, mat)
     law = "line" if scene.contact.law == "auto" else scene.contact.law
     softening = 1.0 if scene.contact.softening == "auto" else float(scene.contact.softening)
     # the load of a crossing on one filament of the upper tow, along what it touches
@@ -83,7 +83,7 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
     beads, limit = chain_beads(system, touching, axial, level.value)
     timestep, step = checked_step(scene, limit)
     mass = float(np.sum(beads.mass))
-    motion, sampling, more = plan_pressing(scene, mat, mass, timestep, depth, load)
+    motion, sampling, more = plan_pressing(scene, mat, mass, timestep, depth, load, earlier)
     drag = DRAG * math.sqrt(mat.stiffness(REFERENCE_LOAD * load) / mass) * float(np.mean(beads.mass))
     choices += [
         level,

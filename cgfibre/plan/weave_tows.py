@@ -177,7 +177,7 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     contact = tow_contact(scene, tows, laws)
     estimate = fabric(scene, system, laws)
     height = built_height(system)
-    depth, load = planned_stop(scene, height, estimate)
+    depth, load, earlier = planned_stop(scene, height, estimate)
     choices += [
         Choice("chains", _chains(tows), "a round tow is one, a flat one a ribbon of parallel ones"),
         choice,
@@ -198,7 +198,7 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     timestep, step = checked_step(scene, limit)
     choices.append(step)
     mass = float(np.sum(beads.mass))
-    motion, sampling, more = plan_pressing(scene, estimate, mass, timestep, depth, load)
+    motion, sampling, more = plan_pressing(scene, estimate, mass, timestep, depth, load, earlier)
     choices += more
     drag = DRAG * math.sqrt(estimate.stiffness(REFERENCE_LOAD * load) / mass) * float(np.mean(beads.mass))
     lengths = [float(np.sum(system.bond_lengths()[_of_type(system, k)])) for k in (0, 1)]
