@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -33,19 +32,21 @@ class Estimate(Protocol):
         """Tangent nN/um at a force."""
 
 
-def plan_pressing(
-    scene: Scene,
-    estimate: Estimate,
-    mass: float,
-    timestep: float,
-    depth: float,
-    load: float,
-    earlier: Sequence[float] = (),
-) -> tuple[Motion, Sampling, list[Choice]]:
-    """Speeds, phases and sampling: v <= eps F/sqrt(k m) of the whole fabric on its own stiffness, growing with F.
+@dataclass(frozen=True)
+class Stops:
+    """The planned stop: displacement ``depth`` um and ``load`` nN there; ``earlier`` um of the cycles before it."""
 
-    ``depth`` um and ``load`` nN at the planned stop, ``earlier`` um of the cycles before it.
-    """
+    depth: float
+    load: float
+    earlier: tuple[float, ...] = ()
+
+
+def plan_pressing(
+    scene: Scene, estimate: Estimate, mass: float, timestep: float, stops: Stops
+) -> tuple[Motion, Sampling, list[Choice]]:
+    """Speeds, phases and sampling: v <= eps F/sqrt(k m) of the whole fabric, ``mass`` pg on its own stiffness, growing
+    with F."""
+    depth, load = stops.depth, stops.load
     eps = GAIN * scene.model.accuracy
     reference = estimate.displacement(REFERENCE_LOAD * load)
     d = np.linspace(min(reference, depth / 2), depth, 60)
@@ -80,8 +81,8 @@ def plan_pressing(
         )
     )
     length = scene.weave.size[0]
-    stops = [cycle for cycle in scene.platens.cycles for _ in range(cycle.times)]
-    cycles = tuple(target(s, x, length) for s, x in zip(stops, earlier, strict=True))
+    each = [cycle for cycle in scene.platens.cycles for _ in range(cycle.times)]
+    cycles = tuple(target(s, x, length) for s, x in zip(each, stops.earlier, strict=True))
     if cycles:
         why = "unloaded till the platen feels nothing, then loaded from there as the first time"
         choices.append(Choice("cycles", f"{len(cycles)} before the last loading", why))

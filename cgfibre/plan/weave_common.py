@@ -11,7 +11,7 @@ from cgfibre.errors import InputError
 from cgfibre.mechanics import rod
 from cgfibre.plan.contact import TANGENTIAL_DAMPING, TANGENTIAL_RATIO
 from cgfibre.plan.model import CONTACT, LEFT, RIGHT, ROD_DAMPING, Beads, Choice, Woven
-from cgfibre.plan.pressing import Estimate
+from cgfibre.plan.pressing import Estimate, Stops
 from cgfibre.scene import Scene, Stop
 
 #: displacement planned for a stop by load, over that of the static estimate
@@ -102,17 +102,14 @@ def _tow_height(system: FilamentSystem, filament: int, end: int) -> float:
     return float(np.mean(system.positions[ends, 2]))
 
 
-def planned_stop(scene: Scene, height: float, estimate: Estimate) -> tuple[float, float, tuple[float, ...]]:
-    """(planned displacement um, load nN expected there, displacements um of the cycles before); InputError for a stop
-    beyond what a fabric can give."""
+def planned_stop(scene: Scene, height: float, estimate: Estimate) -> Stops:
+    """The planned stop and the cycles before it; InputError for one beyond what a fabric can give."""
     depth, load = _one_stop(scene, "platens.stop", scene.platens.stop, height, estimate)
-    earlier = [
-        _one_stop(scene, f"platens.cycles.{k}", cycle, height, estimate)[0]
-        for k, cycle in enumerate(scene.platens.cycles)
-        for _ in range(cycle.times)
-    ]
-    # a cycle may lead deeper than the last loading
-    return depth, load, tuple(earlier)
+    earlier: list[float] = []
+    for k, cycle in enumerate(scene.platens.cycles):
+        least = _one_stop(scene, f"platens.cycles.{k}", cycle, height, estimate)[0]
+        earlier += cycle.times * [least if cycle.kind in ("displacement", "thickness") else min(least, depth)]
+    return Stops(depth, load, tuple(earlier))
 
 
 def _one_stop(scene: Scene, key: str, stop: Stop, height: float, estimate: Estimate) -> tuple[float, float]:

@@ -33,7 +33,10 @@ SPEED_ERROR, REARRANGEMENT, SPACING_ERROR = 0.5, 0.03, 0.02
 
 @dataclass(frozen=True)
 class FibreMat:
-    """Van Wyk's law p = k E (V^3 - V0^3) of fibres ``modulus`` kPa at a fraction V = V0 h/(h - d), of a cell with an ``area`` um2 and a ``height`` h um: what the platen is expected to meet."""
+    """Van Wyk's law p = k E (V^3 - V0^3) of fibres ``modulus`` kPa at a volume fraction V = V0 h/(h - d).
+
+    Of a cell with an ``area`` um2 and a ``height`` h um: what the platen is expected to meet.
+    """
 
     modulus: float
     fraction: float
@@ -71,20 +74,20 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
     height = built_height(system)
     volume = float(np.sum(math.pi / 4 * d**2 * system.bond_lengths()))
     mat = FibreMat(scene.filament.E1, volume / (area * height), height, area)
-    depth, load, earlier = planned_stop(scene, height, mat)
+    stops = planned_stop(scene, height, mat)
     law = "line" if scene.contact.law == "auto" else scene.contact.law
     softening = 1.0 if scene.contact.softening == "auto" else float(scene.contact.softening)
     # the load of a crossing on one filament of the upper tow, along what it touches
     crossings = w.tows.warp * w.tows.weft
-    squeeze = min(CONCENTRATION * load / crossings / max(w.tow.width, w.weft.width), scene.contact.line_load)
+    squeeze = min(CONCENTRATION * stops.load / crossings / max(w.tow.width, w.weft.width), scene.contact.line_load)
     plan = plan_capsule(scene, law, longest, f.mass_per_length, softening, squeeze)
     touching = Touching(PAIRS, plan.tangent_kn, plan.wall_tangent, plan.pair.gamma, plan.wall_gamma)
     axial = 1.0 if scene.model.axial_softening == "auto" else float(scene.model.axial_softening)
     beads, limit = chain_beads(system, touching, axial, level.value)
     timestep, step = checked_step(scene, limit)
     mass = float(np.sum(beads.mass))
-    motion, sampling, more = plan_pressing(scene, mat, mass, timestep, depth, load, earlier)
-    drag = DRAG * math.sqrt(mat.stiffness(REFERENCE_LOAD * load) / mass) * float(np.mean(beads.mass))
+    motion, sampling, more = plan_pressing(scene, mat, mass, timestep, stops)
+    drag = DRAG * math.sqrt(mat.stiffness(REFERENCE_LOAD * stops.load) / mass) * float(np.mean(beads.mass))
     choices += [
         level,
         choice,

@@ -177,7 +177,7 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     contact = tow_contact(scene, tows, laws)
     estimate = fabric(scene, system, laws)
     height = built_height(system)
-    depth, load, earlier = planned_stop(scene, height, estimate)
+    stops = planned_stop(scene, height, estimate)
     choices += [
         Choice("chains", _chains(tows), "a round tow is one, a flat one a ribbon of parallel ones"),
         choice,
@@ -192,15 +192,15 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
         )
     )
     platens = _platens(scene, contact, min(t.chain.mass_per_length for t in tows))
-    pair, wall = (max(law.slope(depth)[k] for law in laws) for k in (0, 1))
+    pair, wall = (max(law.slope(stops.depth)[k] for law in laws) for k in (0, 1))
     touching = Touching(PAIRS, pair, wall, contact.gamma, platens.gamma)
     beads, limit = chain_beads(system, touching, axial, level.value)
     timestep, step = checked_step(scene, limit)
     choices.append(step)
     mass = float(np.sum(beads.mass))
-    motion, sampling, more = plan_pressing(scene, estimate, mass, timestep, depth, load, earlier)
+    motion, sampling, more = plan_pressing(scene, estimate, mass, timestep, stops)
     choices += more
-    drag = DRAG * math.sqrt(estimate.stiffness(REFERENCE_LOAD * load) / mass) * float(np.mean(beads.mass))
+    drag = DRAG * math.sqrt(estimate.stiffness(REFERENCE_LOAD * stops.load) / mass) * float(np.mean(beads.mass))
     lengths = [float(np.sum(system.bond_lengths()[_of_type(system, k)])) for k in (0, 1)]
     volume = sum(t.fibres * length / t.chains for t, length in zip(tows, lengths, strict=True))
     woven = woven_plan(scene, "tow", system, volume, spacing)
