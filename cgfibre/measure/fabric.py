@@ -209,7 +209,8 @@ def _passages(height: FloatArray) -> list[slice]:
 def tow_lines(fabric: Fabric, positions: FloatArray) -> list[TowLine]:
     """Centre line of every tow of a frame: the mean of its filaments bead by bead.
 
-    Where they differ in number of beads, at equal shares of arc length, as many as the fullest has. Filaments are taken in the periodic image nearest to the first one of their tow.
+    Where they differ in number of beads, at equal shares of arc length, as many as the fullest has. Filaments
+    are taken in the periodic image nearest to the first one of their tow.
     """
     lines = lines_of(fabric.system, positions)
     period = period_of(fabric.system)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -37,8 +38,8 @@ class Ellipses:
 
 @dataclass(frozen=True)
 class Band:
-    """A filament that lies along the plane of a cut: ``line`` (n, 2) um and ``half_width`` (n,) um of the strip in which
-    the plane cuts it; ``tow``; ``filament``."""
+    """A filament that lies along the plane of a cut: ``line`` (n, 2) um and ``half_width`` (n,) um of the strip in
+    which the plane cuts it; ``tow``; ``filament``."""
 
     line: FloatArray
     half_width: FloatArray
@@ -65,7 +66,9 @@ class Cut:
     bands: tuple[Band, ...]
 
 
-def _window(fabric: Fabric, positions: FloatArray, axis: int, window: tuple[float, float] | None) -> tuple[float, float]:
+def _window(
+    fabric: Fabric, positions: FloatArray, axis: int, window: tuple[float, float] | None
+) -> tuple[float, float]:
     if window is not None:
         if not window[1] > window[0]:
             raise InputError("window", window, "two rising coordinates, um")
@@ -124,14 +127,14 @@ def cut_fabric(
     for k in range(len(hit)):
         for shift in _images(u[k] - r[k], u[k] + r[k], float(period[other]), span):
             rows.append((shift, k))
-    shifts, k = np.array([row[0] for row in rows]), np.array([row[1] for row in rows], dtype=np.int64)
+    shifts, of = np.array([row[0] for row in rows]), np.array([row[1] for row in rows], dtype=np.int64)
     ellipses = Ellipses(
-        centres=np.stack([u[k] + shifts, centre[k, 2]], axis=1),
-        major=r[k] / np.abs(unit[k, axis]),
-        minor=r[k],
-        tilt=np.arctan2(unit[k, 2], unit[k, other]),
-        tow=system.tow[filament[hit]][k],
-        filament=filament[hit][k],
+        centres=np.stack([u[of] + shifts, centre[of, 2]], axis=1),
+        major=r[of] / np.abs(unit[of, axis]),
+        minor=r[of],
+        tilt=np.arctan2(unit[of, 2], unit[of, other]),
+        tow=system.tow[filament[hit]][of],
+        filament=filament[hit][of],
     )
     bands: list[Band] = []
     lines = lines_of(system, positions)
@@ -234,7 +237,7 @@ def section_of_tow(line: TowLine, at: float) -> tuple[FloatArray, FloatArray]:
 def _between(along: FloatArray, total: float, closed: bool) -> list[tuple[int, float]]:
     """(index of the crossing before, arc length) half-way between crossings that follow each other."""
     order = np.argsort(along)
-    out = [(int(i), float(along[i] + along[j]) / 2) for i, j in zip(order[:-1], order[1:], strict=True)]
+    out = [(int(i), float(along[i] + along[j]) / 2) for i, j in pairwise(order)]
     if closed and len(order):
         out.append((int(order[-1]), float((along[order[-1]] + along[order[0]] + total) / 2)))
     return out
@@ -269,7 +272,10 @@ def tow_sections(
             if platens is not None:
                 bottom, top = max(bottom, platens[0] - centre[2]), min(top, platens[1] - centre[2])
             if at_crossing and len(np.unique(np.round(points[:, 1], 9))) == 1 and fabric.single[line.tow]:
-                both = (diameter[fabric.members[crossings.first[c]][0]], diameter[fabric.members[crossings.second[c]][0]])
+                both = (
+                    diameter[fabric.members[crossings.first[c]][0]],
+                    diameter[fabric.members[crossings.second[c]][0]],
+                )
                 top -= max(sum(both) / 2 - float(crossings.distance[c]), 0.0) / 2
             area = polygon_area(outline(points, 2 * radius))
             filled = float(np.sum(np.pi * radius**2)) / area
