@@ -214,8 +214,8 @@ def through_each_other(fabric: Fabric, frames: Frames) -> Guard:
 
     Warp and weft: the order of crossing (:meth:`Crossings.order`) of every pair equals that of the first frame. Warp
     and warp, weft and weft: winding, by :func:`filaments_through_each_other` on the filaments of each axis, with their
-    periodic neighbours (a pair that passed counts once for either copy). Raises InputError for frames of another number of
-    beads.
+    periodic neighbours (a pair that passed counts once for either copy). Raises InputError for frames of another number
+    of beads.
     """
     name = "filaments through each other"
     system = fabric.system
