@@ -145,8 +145,8 @@ def _energy(out: Path, curve: Curve) -> Path:
 def _bundle(
     out: Path, scene: Scene, plan: Plan, system: FilamentSystem, frames: Frames, k: int, heights: tuple[float, float]
 ) -> Path:
-    span = plan.platens.top_span or (0.0, scene.assembly.length)
-    lower = plan.platens.bottom_span or (0.0, scene.assembly.length)
+    span = plan.platens.top_span or (0.0, scene.bundle.length)
+    lower = plan.platens.bottom_span or (0.0, scene.bundle.length)
     positions = frames.positions[k]
     low, high = positions[:, 1].min(), positions[:, 1].max()
     faces = (

@@ -69,7 +69,7 @@ class Review:
 
 def mid_plane(scene: Scene, plan: Plan) -> float:
     """x of the plane under the middle of the platen, um."""
-    return 0.0 if plan.level == "section" else scene.assembly.length / 2
+    return 0.0 if plan.level == "section" else scene.bundle.length / 2
 
 
 def platen_gaps(plan: Plan, system: FilamentSystem, displacement: float) -> tuple[Gap, Gap]:

@@ -18,6 +18,7 @@ LAYERS = [
     {"materials", "readers", "tow_friction"},
     {"build.system", "mechanics"},
     {"record", "scene_values"},
+    {"scene_assembly"},
     {"scene", "build"},
     {"plan", "measure", "plot", "store"},
     {"engine"},

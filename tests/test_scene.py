@@ -339,7 +339,7 @@ BAD = [
     ({"platen": {}}, "platen", "did you mean platens?"),
     ({"count": 37}, "count", "did you mean assembly.count?"),
     ({"assembly.cuont": 37}, "assembly.cuont", "did you mean assembly.count?"),
-    ({"platens.tension": "1 cN"}, "platens.tension", "did you mean ends.tension?"),
+    ({"platens.tension": "1 cN"}, "platens.tension", "did you mean ends.tension or cell.tension?"),
     ({"platens.stop.presure": "1 MPa"}, "platens.stop.presure", "did you mean platens.stop.pressure?"),
     ({"filament": OWN | {"diametre": "7 um"}}, "filament.diametre", "did you mean filament.diameter?"),
     ({"zzz": 1}, "zzz", "a known key"),
@@ -366,7 +366,7 @@ BAD = [
     ({"filament.density": "1800"}, "filament.density", "a density such as '1800 kg/m**3'"),
     ({"filament.density": "1800 g/cm3"}, "filament.density", "at most"),
     # assembly
-    ({"assembly.kind": "weave"}, "assembly.kind", "woven fabrics are not in this version"),
+    ({"assembly.kind": "weave"}, "assembly.count", "a known key"),
     ({"assembly.kind": "braid"}, "assembly.kind", "expected 'bundle'"),
     ({"assembly.count": ABSENT}, "assembly.count", "(not given): expected a whole number"),
     ({"assembly.count": 0}, "assembly.count", "at least 1"),
@@ -433,7 +433,7 @@ BAD = [
     ({"platens.unload": 1}, "platens.unload", "true or false"),
     ({"platens.unload": "yes"}, "platens.unload", "true or false"),
     # contact
-    ({"contact.law": "hook"}, "contact.law", "'auto', 'hooke', 'hertz' or 'line'"),
+    ({"contact.law": "hook"}, "contact.law", "'auto', 'hooke', 'hertz', 'line', 'linear', 'exponential' or 'table'"),
     ({"contact.law": "hertz", "contact.shape": "capsule"}, "contact.law", "hertz is for beads"),
     ({"contact.kinetic_friction": 0.3}, "contact.kinetic_friction", "at most contact.friction, 0.2"),
     ({"contact.kinetic_friction": 0.1, "contact.shape": "beads"}, "contact.kinetic_friction", "contact.shape"),

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import wraps
-from typing import Any, TypeVar, cast
+from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
 from scipy.optimize import minimize
@@ -32,14 +32,14 @@ RANDOM_LIMIT = 0.84
 SEPARATION_ROUNDS = 20
 
 
-Build = TypeVar("Build", bound=Callable[..., FloatArray])
+Build = TypeVar("Build", bound=Callable[..., FloatArray | None])
 
 
 def _one_thread(function: Build) -> Build:
     """Without BLAS threads: L-BFGS gains nothing here, and waiting threads cost 20 times on a busy machine."""
 
     @wraps(function)
-    def limited(*args: Any, **kwargs: Any) -> FloatArray:
+    def limited(*args: Any, **kwargs: Any) -> FloatArray | None:
         with threadpool_limits(1, user_api="blas"):
             return function(*args, **kwargs)
 
@@ -269,6 +269,18 @@ def virtual_locations(count: int, pitch: float, rng: np.random.Generator, spec: 
     return _no_closer(centres, pitch)
 
 
+class Outline(Protocol):
+    """What holds a random packing."""
+
+    def penalty(self, centres: FloatArray, diameter: float) -> tuple[float, FloatArray]:
+        """Energy and its (n, 2) gradient, um2 and um, of filaments that stand out; zero exactly when all are inside."""
+        ...
+
+    def sample(self, count: int, diameter: float, rng: np.random.Generator) -> FloatArray:
+        """(count, 2) um, uniform at random where a filament's centre may be."""
+        ...
+
+
 @dataclass(frozen=True)
 class Envelope:
     """The outline that holds a random packing, about the origin: an ellipse (a circle), or a rectangle.
@@ -312,7 +324,6 @@ class Envelope:
         return room * np.column_stack([r * np.cos(t), r * np.sin(t)])
 
 
-@_one_thread
 def random_packing(
     count: int, diameter: float, volume_fraction: float, rng: np.random.Generator, aspect: float | None = None
 ) -> FloatArray:
@@ -338,10 +349,24 @@ def random_packing(
         volume_fraction,
         f"a fraction that {count} filaments can reach at random without overlap",
     )
-    d = diameter * (1.0 + 1e-9)  # a margin for rounding, so that the end state keeps D exactly
-    if min(envelope.half) < 0.5 * d:
+    if min(envelope.half) < 0.5 * diameter * (1.0 + 1e-9):
         raise refusal
-    best = envelope.sample(count, d, rng)
+    best = relaxed_packing(count, diameter, envelope, rng)
+    if best is None:
+        raise refusal
+    return best
+
+
+@_one_thread
+def relaxed_packing(
+    count: int, diameter: float, envelope: Outline, rng: np.random.Generator, start: FloatArray | None = None
+) -> FloatArray | None:
+    """Filaments at random inside an outline without overlap, (count, 2) um; ``None`` where 20 shakes found none.
+
+    The search of :func:`random_packing`, from points uniform at random or from ``start`` (count, 2) um.
+    """
+    d = diameter * (1.0 + 1e-9)  # a margin for rounding, so that the end state keeps D exactly
+    best = envelope.sample(count, d, rng) if start is None else start
     best, energy = _relax(best, d, envelope)
     shakes = 20
     for k in range(shakes):
@@ -352,7 +377,7 @@ def random_packing(
         if e < energy:
             best, energy = trial, e
     if min_distance(best) < diameter or envelope.penalty(best, diameter)[0] > 0.0:
-        raise refusal
+        return None
     return best
 
 
@@ -548,7 +573,7 @@ def _no_closer(centres: FloatArray, pitch: float) -> FloatArray:
 
 
 def _overlap_energy(
-    x: FloatArray, i: IntArray, j: IntArray, diameter: float, envelope: Envelope
+    x: FloatArray, i: IntArray, j: IntArray, diameter: float, envelope: Outline
 ) -> tuple[float, FloatArray]:
     c = x.reshape(-1, 2)
     n = len(c)
@@ -564,7 +589,7 @@ def _overlap_energy(
     return energy + 0.5 * float(overlap @ overlap), gradient.ravel()
 
 
-def _relax(centres: FloatArray, diameter: float, envelope: Envelope, rounds: int = 60) -> tuple[FloatArray, float]:
+def _relax(centres: FloatArray, diameter: float, envelope: Outline, rounds: int = 60) -> tuple[FloatArray, float]:
     """Nearest state of least overlap; the neighbour list is made anew when filaments have moved half its skin."""
     skin, steps, last = 0.4 * diameter, 60, np.inf
     for _ in range(rounds):

@@ -89,7 +89,8 @@ def stations(path: TowPath, n: int | None = None, spacing: float | None = None) 
 
     With ``n``, that many at equal arc length (closed: the last one step before the end). With ``spacing``, a bead
     stands at every crossing and those between two crossings are at equal steps of at most ``spacing``; where all
-    crossings are equally far apart along the path, all steps are equal. Raises :class:`InputError` unless exactly one of both is given, and is above 0.
+    crossings are equally far apart along the path, all steps are equal.
+    Raises :class:`InputError` unless exactly one of both is given, and is above 0.
     """
     total = path.arc_length
     if (n is None) == (spacing is None):

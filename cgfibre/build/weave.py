@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from cgfibre.build.overlap import initial_overlap
 from cgfibre.build.system import FilamentSystem, FilamentType, FloatArray
 from cgfibre.build.tow_path import TowPath, resample, stations
+from cgfibre.build.tow_packing import Packing, holding, packed_section
 from cgfibre.build.tow_shape import SECTIONS, TowShape
 from cgfibre.build.weave_spec import (
     WeaveGeometry,
@@ -33,8 +35,11 @@ __all__ = [
     "WeaveGeometry",
     "WeaveSpec",
     "consistent_plain",
+    "filament_system",
+    "holding",
     "initial_overlap",
     "minimum_spacing",
+    "packed_section",
     "pattern_from_rows",
     "plain",
     "resample",
@@ -87,8 +92,8 @@ def ribbon_system(
     """Flat tows as ribbons: parallel chains across the width, of equal distance, one tow number each.
 
     Chain k of m stands (k - (m - 1) / 2) (w - D) / (m - 1) across the tow, so that the outermost rods end at its
-    width; ``types`` are those of one chain, D its diameter, at most the thickness. ``chains`` of (warp, weft) tows, at least
-    2 (a round tow is one); ``None`` takes as many as stand side by side without a gap, ceil((w - D) / D) + 1. Rods of
+    width; ``types`` are those of one chain, D its diameter, at most the thickness. ``chains`` of (warp, weft) tows, at
+    least 2 (a round tow is one); ``None`` takes as many as stand side by side without a gap, ceil((w - D) / D) + 1. Rods of
     one thickness make a racetrack whatever the section: a spec's paths are made for racetracks of its widths and
     thicknesses, so that none overlap. Chains of one tow may stand in each other: leave out contacts inside a tow.
     Raises :class:`InputError` as :func:`tow_system`.
@@ -117,6 +122,87 @@ def ribbon_system(
         return _system("ribbon_system", rods, kinds, cell, spec, {"spacing": spacing, "chains": chains})
 
     return _cleared(woven, build)
+
+
+def filament_system(
+    woven: Woven,
+    types: FilamentType | tuple[FilamentType, FilamentType],
+    count: int | tuple[int, int],
+    spacing: float,
+    packing: Packing = "random",
+    twist: float = 0.0,
+    jitter: float = 0.0,
+    seed: int = 0,
+) -> FilamentSystem:
+    """Every filament of every tow a chain: packed inside the tow's section, which follows its path.
+
+    Filament (y, z) of the section runs at y across and z through the tow, with beads in the same sections (at
+    :func:`stations` of the path). ``types`` of a filament and ``count`` of filaments, of all tows or of (warp, weft)
+    tows; ``packing`` and ``jitter`` um: see :func:`packed_section`, each tow has its own; ``twist`` turns per um,
+    positive Z, of round tows alone (a turning section must stay inside its outline), in a closed tow the nearest whole
+    number of turns. Filaments are packed as if of D / (cos a cos(b / 2)), a the helix angle at the surface and b the
+    largest turn of the path from one section to the next, and further apart by what still overlaps, so that their rods
+    do not overlap either; a spec's gap is opened as in :func:`tow_system`.
+    Raises :class:`InputError` for filaments that do not fit, twist of flat tows, and as :func:`tow_system`.
+    """
+    kinds = _kinds(types)
+    counts = count if isinstance(count, tuple) else (count, count)
+    if not np.isfinite(twist):
+        raise InputError("filaments.twist", twist, "a finite number of turns per um")
+    asked = {"spacing": spacing, "count": count, "packing": packing, "twist": twist, "jitter": jitter, "seed": seed}
+    tows = []
+    for path in _woven(woven)[0]:
+        d = kinds[0 if path.is_warp else -1].diameter
+        _, tangent, _ = path.at(stations(path, spacing=spacing))
+        bend = float(np.arccos(np.clip(np.min(np.sum(tangent[1:] * tangent[:-1], axis=1)), -1.0, 1.0)))
+        helix = np.arctan(np.pi * _turns(path, twist) / path.arc_length * (path.shape.width - d))
+        tows.append((path.shape, counts[0 if path.is_warp else 1], d, d / float(np.cos(helix) * np.cos(0.5 * bend))))
+
+    def packed(looser: float) -> list[FloatArray]:
+        rng = np.random.default_rng(seed)
+        return [packed_section(shape, n, d, packing, rng, looser * apart, jitter) for shape, n, d, apart in tows]
+
+    def build(woven: Woven, sections: list[FloatArray]) -> FilamentSystem:
+        paths, cell, spec = _woven(woven)
+        rods = []
+        for path, section in zip(paths, sections, strict=True):
+            s = stations(path, spacing=spacing)
+            points, tangent, normal = path.at(s)
+            across = np.cross(normal, tangent)
+            a = (2.0 * np.pi * _turns(path, twist) * s / path.arc_length)[:, None]
+            # about the tangent, right-handed: y turns towards z
+            e, f = np.cos(a) * across + np.sin(a) * normal, np.cos(a) * normal - np.sin(a) * across
+            rods += [(path, points + y * e + z * f) for y, z in section]
+        return _system("filament_system", rods, kinds, cell, spec, asked)
+
+    looser, d = 1.0, min(kind.diameter for kind in kinds)
+    system = _cleared(woven, partial(build, sections=packed(looser)))
+    for _ in range(ROUNDS):
+        overlap = float(system.provenance["measured"]["largest_overlap_um"])
+        if overlap <= CLEAR * d:
+            break
+        looser *= 1.0 + 1.1 * overlap / d
+        try:
+            sections = packed(looser)
+        except InputError:  # too dense to stand further apart: what overlaps is in the provenance
+            break
+        system = _cleared(woven, partial(build, sections=sections))
+    return system
+
+
+def _turns(path: TowPath, twist: float) -> float:
+    """Turns of the filaments over the path: of a closed one the nearest whole number."""
+    if twist == 0.0:
+        return 0.0
+    if path.shape.section != "circular":
+        raise InputError("filaments.twist", twist, f"0 for a {path.shape.section} tow: only round ones turn")
+    turns = twist * path.arc_length
+    if not path.closed:
+        return turns
+    if round(turns) == 0:
+        least = 0.5 / path.arc_length
+        raise InputError("filaments.twist", twist, f"at least {least:.4g} turns per um, or a longer cell: it turns once")
+    return float(round(turns))
 
 
 def _cleared(woven: Woven, build: Callable[[Woven], FilamentSystem]) -> FilamentSystem:

@@ -450,6 +450,7 @@ def consistent_plain(
             "weave.crimp_angle",
             crimp_angle,
             f"an angle that fits tows {thickness:g} um thick at {spacing:g} um: {np.radians(angle):.4g} rad "
-            f"({angle:.3g} degrees), or a spacing of {0.5 * np.pi * thickness / slope:.4g} um, or a thickness of {fits:.4g} um",
+            f"({angle:.3g} degrees), or a spacing of {0.5 * np.pi * thickness / slope:.4g} um, "
+            f"or a thickness of {fits:.4g} um",
         )
     return (fits if thickness is None else thickness), spacing, crimp_angle

@@ -47,7 +47,7 @@ def common_omissions(scene: Scene, level: str, shape: str = "beads") -> list[Omi
 
 def platens(scene: Scene, contact: ContactPlan, contact_length: float, edges: bool) -> Platens:
     """Platens of the scene with the contact's stiffness; ``edges``: they end along x."""
-    p, length = scene.platens, scene.assembly.length
+    p, length = scene.platens, scene.bundle.length
     radius = 0.0
     if p.shape == "crimped" and p.crimp_angle is not None:
         lo, hi = platen_span(scene)

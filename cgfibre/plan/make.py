@@ -12,6 +12,7 @@ from cgfibre.plan.level import choose_level
 from cgfibre.plan.model import Choice, Plan
 from cgfibre.plan.outline import Outline, outline
 from cgfibre.plan.section import plan_section
+from cgfibre.plan.weave import plan_weave
 from cgfibre.scene import Scene, scene_from_dict
 
 PLANNERS: dict[str, Callable[[Scene, Outline, str, list[Choice]], Plan]] = {
@@ -23,6 +24,8 @@ PLANNERS: dict[str, Callable[[Scene, Outline, str, list[Choice]], Plan]] = {
 
 def make_plan(scene: Scene) -> Plan:
     """The plan of a scene; InputError names what in the scene cannot be modelled."""
+    if scene.is_weave:
+        return plan_weave(scene)
     out = outline(scene)
     level = choose_level(scene, out)
     if level.value not in PLANNERS:
@@ -32,9 +35,9 @@ def make_plan(scene: Scene) -> Plan:
 
 def _placing(scene: Scene, out: Outline) -> list[Choice]:
     """How far centres from a file were moved to clear their overlaps."""
-    if scene.assembly.centres is None:
+    if scene.bundle.centres is None:
         return []
-    asked = np.array(scene.assembly.centres)
+    asked = np.array(scene.bundle.centres)
     moved = np.hypot(*(out.centres - (asked - asked.mean(axis=0))).T)
     n = int(np.sum(moved > 1e-6 * scene.filament.diameter))
     if n == 0:

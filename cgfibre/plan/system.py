@@ -11,6 +11,7 @@ from cgfibre.build.curves import MigrationSpec
 from cgfibre.build.system import FilamentSystem
 from cgfibre.plan.model import Plan
 from cgfibre.plan.outline import arrangement_spec, scene_filament
+from cgfibre.plan.tows import tow_level
 from cgfibre.scene import Scene
 
 
@@ -19,7 +20,9 @@ def build_system(scene: Scene, plan: Plan) -> FilamentSystem:
 
     A periodic cell (symmetry ends) closes every filament on itself, with the box one cell long.
     """
-    a = scene.assembly
+    if plan.woven is not None:
+        return tow_level(scene, plan.woven.asked_spacing)
+    a = scene.bundle
     rng = np.random.default_rng(a.seed)
     spec = BundleSpec(
         filament=scene_filament(scene),

@@ -1,0 +1,118 @@
+"""What the planner of weaves starts from: the tows as sections, rigidities and chains, and the fabric of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cgfibre.build.system import FilamentSystem, FilamentType
+from cgfibre.build.weave import TowShape, WeaveSpec, ribbon_system, tow_system, weave_paths
+from cgfibre.plan.outline import scene_filament
+from cgfibre.scene import Scene
+from cgfibre.scene_assembly import Tow, Weave
+
+#: chains side by side that a flat tow is given, at most, and its width over its thickness that each stands for
+MOST_RIBBONS, RIBBON_ASPECT = 5, 2.0
+
+
+@dataclass(frozen=True)
+class TowModel:
+    """A tow as modelled: ``shape``, constants of the whole tow (``whole``, its diameter the thickness), ``chains`` that
+    share them, area of ``fibres`` um2 in its section, ``modulus`` kPa (EA over that area)."""
+
+    shape: TowShape
+    whole: FilamentType
+    chains: int
+    fibres: float
+
+    @property
+    def modulus(self) -> float:
+        """EA over the area of the fibres, kPa."""
+        return self.whole.EA / self.fibres
+
+    @property
+    def chain(self) -> FilamentType:
+        """One of its chains: an equal part of everything."""
+        t, n = self.whole, self.chains
+        return FilamentType(t.diameter, t.EA / n, t.EI / n, t.GJ / n, t.kGA / n, t.mass_per_length / n)
+
+
+def second_moments(shape: TowShape) -> tuple[float, float]:
+    """(about the width, about the thickness) um4: int 2/3 h^3 dy and int 2 h y^2 dy, h half the thickness at y."""
+    y = 0.5 * shape.width * np.sin(np.linspace(-0.5, 0.5, 4001) * np.pi)
+    h = shape.half_thickness_at(y * (1 - 1e-12))
+    return float(np.trapezoid(2 / 3 * h**3, y)), float(np.trapezoid(2 * h * y**2, y))
+
+
+def tow_model(scene: Scene, tow: Tow) -> TowModel:
+    """Constants of a tow: so many filaments that slide past each other, or a solid of its modulus; overrides win."""
+    shape = TowShape(tow.section, tow.width, tow.thickness)
+    f = scene_filament(scene)
+    n = tow.filaments
+    out, across = second_moments(shape)
+    area = shape.area if n is None else n * math.pi * f.diameter**2 / 4
+    if tow.modulus is not None:
+        EA, EI, GJ = tow.modulus * shape.area, tow.modulus * out, scene.filament.G12 * (out + across)
+        kGA = 0.9 * scene.filament.G12 * shape.area
+    else:
+        count = n or 1
+        EA, EI, GJ, kGA = count * f.EA, count * f.EI, count * f.GJ, count * f.kGA
+    whole = FilamentType(
+        diameter=tow.thickness,
+        EA=tow.EA or EA,
+        EI=tow.EI or EI,
+        GJ=tow.GJ or GJ,
+        kGA=kGA,
+        mass_per_length=scene.filament.density * area,
+    )
+    chains = tow.ribbons
+    if chains == "auto":
+        wide = tow.width / tow.thickness / RIBBON_ASPECT
+        chains = 1 if tow.width < (1 + RIBBON_ASPECT) * tow.thickness else min(MOST_RIBBONS, math.ceil(wide))
+    return TowModel(shape, whole, int(chains), area)
+
+
+def tow_models(scene: Scene) -> tuple[TowModel, TowModel]:
+    """Warp and weft."""
+    return tow_model(scene, scene.weave.tow), tow_model(scene, scene.weave.weft)
+
+
+def weave_spec(weave: Weave) -> WeaveSpec:
+    """The weave as the builders take it."""
+    rows = np.array(weave.interlacing, dtype=bool)
+    periodic = weave.cell == "periodic"
+    repeats = (weave.tows.weft // rows.shape[0], weave.tows.warp // rows.shape[1]) if periodic else (1, 1)
+    return WeaveSpec(
+        pattern=rows,
+        warp=TowShape(weave.tow.section, weave.tow.width, weave.tow.thickness),
+        weft=TowShape(weave.weft.section, weave.weft.width, weave.weft.thickness),
+        warp_spacing=weave.spacing.warp,
+        weft_spacing=weave.spacing.weft,
+        periodic=periodic,
+        repeats=repeats,
+        tows=None if periodic else (weave.tows.warp, weave.tows.weft),
+        gap=weave.gap,
+    )
+
+
+def tow_level(scene: Scene, spacing: float) -> FilamentSystem:
+    """The weave as chains, one a round tow, ribbons of them for flat ones."""
+    spec, (warp, weft) = weave_spec(scene.weave), tow_models(scene)
+    types = (warp.chain, weft.chain)
+    if warp.chains == weft.chains == 1:
+        return tow_system(spec, types, spacing)
+    return ribbon_system(spec, types, spacing, (warp.chains, weft.chains))
+
+
+def greatest_curvature(scene: Scene) -> float:
+    """Of the tows' centre lines, 1/um, as a mean over a twentieth of the crossings' distance."""
+    spec = weave_spec(scene.weave)
+    found = 0.0
+    for path in weave_paths(spec):
+        window = 0.05 * (spec.weft_spacing if path.is_warp else spec.warp_spacing)
+        s = np.arange(0.0, path.arc_length, window)
+        tangent = np.column_stack([np.interp(s, path.arc, path.tangent[:, k]) for k in range(3)])
+        found = max(found, float(np.max(np.linalg.norm(np.diff(tangent, axis=0), axis=1), initial=0.0)) / window)
+    return found
