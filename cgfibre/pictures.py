@@ -47,6 +47,9 @@ def draw_all(
     if len(frames) < 2 or not np.all(np.isfinite(frames.positions)):
         return made
     shown = frames_to_show(frames)
+    if plan.woven is not None:
+        made.append(_bundle(out, scene, plan, system, frames, shown[2][0], platen_heights(system, plan)))
+        return made
     x, d = mid_plane(scene, plan), float(np.max(system.diameter))
     heights = platen_heights(system, plan)
     edge = plan.platens.top_span
@@ -145,8 +148,9 @@ def _energy(out: Path, curve: Curve) -> Path:
 def _bundle(
     out: Path, scene: Scene, plan: Plan, system: FilamentSystem, frames: Frames, k: int, heights: tuple[float, float]
 ) -> Path:
-    span = plan.platens.top_span or (0.0, scene.bundle.length)
-    lower = plan.platens.bottom_span or (0.0, scene.bundle.length)
+    length = plan.woven.size[0] if plan.woven is not None else scene.bundle.length
+    span = plan.platens.top_span or (0.0, length)
+    lower = plan.platens.bottom_span or (0.0, length)
     positions = frames.positions[k]
     low, high = positions[:, 1].min(), positions[:, 1].max()
     faces = (

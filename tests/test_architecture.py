@@ -22,6 +22,7 @@ LAYERS = [
     {"scene", "build"},
     {"plan", "measure", "plot", "store"},
     {"engine"},
+    {"review_fabric"},
     {"review", "cases", "plot_friction", "plot_towtest"},
     {"pictures", "certify"},
     {"workflow", "stability", "micrograph", "signals", "towtest"},

@@ -81,7 +81,7 @@ class Woven:
     fibres um3, whether it is ``periodic``, whether its tows are free of stress as built (``at_rest``).
 
     In the plane, over ``preparation`` steps before the platens move or (0) while they do: ``strain`` (x, y),
-    ``tension`` (x, y) nN on the whole cell, ``shear`` rad. ``skin`` um: how far beads may go before neighbours are looked for
+    ``tension`` (x, y) nN on the whole cell, ``shear`` rad. ``skin`` um: how far beads go before neighbours are looked for
     anew; ``end_stiffness`` nN/um of a patch's ends; ``asked_spacing`` um that the builder was given.
     """
 

@@ -418,9 +418,7 @@ def plan_pressing(
     allowed = (first, last, growth)
     choices = []
     if scene.platens.speed == "auto":
-        reason = (
-            f"v <= eps F/sqrt(k m) of the fabric on its contacts, eps = {eps:g}, from {REFERENCE_LOAD:.0%} load"
-        )
+        reason = f"v <= eps F/sqrt(k m) of the fabric on its contacts, eps = {eps:g}, from {REFERENCE_LOAD:.0%} load"
         most = scene.model.most_steps
         if most != "auto":
             faster = film_time(first, last, growth, depth) / timestep / most
