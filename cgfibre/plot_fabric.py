@@ -164,7 +164,9 @@ def plot_by_pressure(
             colour, dash, mark = shown[direction]
             stop = len(pressure) if turn is None else turn + 1
             look: dict[str, Any] = {"color": colour, "ls": dash, "alpha": 0.45 if more else 1.0}
-            ax.plot(pressure[:stop], series[:stop], marker=mark, ms=4, mfc="white" if more else colour, label=name, **look)
+            ax.plot(
+                pressure[:stop], series[:stop], marker=mark, ms=4, mfc="white" if more else colour, label=name, **look
+            )
             if stop < len(pressure):
                 ax.plot(pressure[stop - 1 :], series[stop - 1 :], lw=1.0, **look)
         ax.set_xlabel("pressure (MPa)")
@@ -257,7 +259,9 @@ def plot_crossings(ax: Axes, view: CrossingMap) -> Axes:
 
     force = view.loads.through * 1e-9
     largest = float(np.max(np.abs(force), initial=0.0))
-    factor, unit = next((f, u) for f, u in ((1.0, "N"), (1e3, "mN"), (1e6, "µN"), (1e9, "nN")) if largest * f >= 0.1 or u == "nN")
+    factor, unit = next(
+        (f, u) for f, u in ((1.0, "N"), (1e3, "mN"), (1e6, "µN"), (1e9, "nN")) if largest * f >= 0.1 or u == "nN"
+    )
     mm = float(np.max(view.size[:, 1] - view.size[:, 0])) > 3000
     scale = 1e-3 if mm else 1.0
     colours = Colours.spanning(f"force at the crossing ({unit})", np.append(force * factor, 0.0))
@@ -278,7 +282,9 @@ def plot_crossings(ax: Axes, view: CrossingMap) -> Axes:
         shown.set_clim(colours.low, colours.high)
         ax.add_collection(shown)
         for p, above in zip(places * scale, view.loads.warp_above, strict=True):
-            ax.text(p[0], p[1], "warp" if above else "weft", ha="center", va="center", fontsize=7, color="white", zorder=4)
+            ax.text(
+                p[0], p[1], "warp" if above else "weft", ha="center", va="center", fontsize=7, color="white", zorder=4
+            )
         ax.set_xlim(low[0] * scale, high[0] * scale)
         ax.set_ylim(low[1] * scale, high[1] * scale)
         ax.set_aspect("equal")

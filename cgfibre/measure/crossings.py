@@ -22,7 +22,7 @@ SLAB = 20_000
 
 @dataclass(frozen=True)
 class Crossings:
-    """Crossings of two sets of lines in plan view, (n,) unless said.
+    """Crossings of two sets of lines in plan view, in order of first and second line, (n,) unless said.
 
     ``first`` and ``second``: index of the lines in their sets; ``place`` (n, 3) um, half-way between them, on the first
     line's image; ``gap`` um, height of the first over the second; ``turn`` +1 where the second crosses the first from
@@ -96,6 +96,8 @@ def crossings_of(first: Lines, second: Lines, period: FloatArray) -> Crossings:
         other = np.array([k for n in near for k in n], dtype=np.int64)
         found.append(_meeting(a, b, one, other, middle, box))
     s, t, one, other = (np.concatenate(c) for c in zip(*found, strict=True))
+    order = np.lexsort((s, one, b.line[other], a.line[one]))  # the same in every frame
+    s, t, one, other = s[order], t[order], one[order], other[order]
     u, v = a.vector[one], b.vector[other]
     on_a = a.start[one] + s[:, None] * u
     on_b = b.start[other] + t[:, None] * v

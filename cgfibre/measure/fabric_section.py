@@ -11,9 +11,9 @@ from scipy.spatial import cKDTree
 
 from cgfibre.build.system import FloatArray, IntArray
 from cgfibre.errors import InputError
-from cgfibre.measure.crossings import Crossings
+from cgfibre.measure.crossings import Crossings, crossings_of
 from cgfibre.measure.distribution import outline, polygon_area
-from cgfibre.measure.fabric import Fabric, TowLine, lines_of
+from cgfibre.measure.fabric import Fabric, Lines, TowLine, lines_of
 from cgfibre.measure.segments import period_of, segments_of
 
 #: points along a bead-to-bead segment of a filament that lies in the plane of a cut
@@ -249,10 +249,11 @@ def tow_sections(
     """Width and thickness of every tow at its crossings and half-way between them.
 
     Filament level: from the filaments where they pass the plane normal to the tow's centre line, each a circle of its
-    diameter. A tow of one chain (or of a ribbon of chains) keeps its diameter but for what it gives to others: half the
-    overlap with the tow it crosses. ``platens`` (bottom, top) um: what lies behind a platen's face is pressed flat.
+    diameter. A tow of one chain, or of a ribbon of chains side by side, keeps its diameter but for what it gives to
+    others: half of the overlap with the chains that it crosses (their mean). ``platens`` (bottom, top) um: what lies behind a platen's face is pressed flat.
     """
     diameter = fabric.system.diameter
+    given = _given(fabric, lines, crossings)
     rows: list[tuple[int, bool, int, float, float, float, float, FloatArray]] = []
     for line in lines:
         members = fabric.members[line.tow]
@@ -271,12 +272,8 @@ def tow_sections(
             bottom, top = low[1], high[1]
             if platens is not None:
                 bottom, top = max(bottom, platens[0] - centre[2]), min(top, platens[1] - centre[2])
-            if at_crossing and len(np.unique(np.round(points[:, 1], 9))) == 1 and fabric.single[line.tow]:
-                both = (
-                    diameter[fabric.members[crossings.first[c]][0]],
-                    diameter[fabric.members[crossings.second[c]][0]],
-                )
-                top -= max(sum(both) / 2 - float(crossings.distance[c]), 0.0) / 2
+            if at_crossing:
+                top -= given[c, line.axis]
             area = polygon_area(outline(points, 2 * radius))
             filled = float(np.sum(np.pi * radius**2)) / area
             rows.append((line.tow, at_crossing, c, high[0] - low[0], top - bottom, area, filled, centre))
@@ -291,6 +288,38 @@ def tow_sections(
         fraction=np.array(columns[6], dtype=float),
         place=np.array(columns[7], dtype=float),
     )
+
+
+def _given(fabric: Fabric, lines: list[TowLine], crossings: Crossings) -> FloatArray:
+    """(n_crossings, 2) um by which a tow of one layer of chains, warp and weft, is thinner at a crossing."""
+    system, of = fabric.system, {line.tow: line for line in lines}
+    out = np.zeros((len(crossings), 2))
+    for c, (warp, weft) in enumerate(zip(crossings.first, crossings.second, strict=True)):
+        pair = of[int(warp)], of[int(weft)]
+        flat = [_one_layer(line, float(system.diameter[fabric.members[line.tow]].min())) for line in pair]
+        if not any(flat):
+            continue
+        found = crossings_of(*(_as_lines(line, fabric) for line in pair), period_of(system))
+        first, second = fabric.members[int(warp)][found.first], fabric.members[int(weft)][found.second]
+        reach = (system.diameter[first] + system.diameter[second]) / 2
+        overlap = np.maximum(reach - found.distance, 0.0)
+        # tows that cross more than once: those nearest to this crossing
+        mine = np.flatnonzero((crossings.first == warp) & (crossings.second == weft))
+        apart = np.abs(found.along[:, :1] - crossings.along[mine, 0])
+        near = mine[np.argmin(apart, axis=1)] == c
+        out[c] = np.where(flat, np.mean(overlap[near]) / 2 if near.any() else 0.0, 0.0)
+    return out
+
+
+def _one_layer(line: TowLine, diameter: float) -> bool:
+    """Whether all filaments of a tow lie at one height (its first station), as chains of a homogenised tow do."""
+    return float(np.ptp(line.filaments[:, 0, 2])) < 0.05 * diameter
+
+
+def _as_lines(line: TowLine, fabric: Fabric) -> Lines:
+    n, m, _ = line.filaments.shape
+    members = fabric.members[line.tow]
+    return Lines(line.filaments.reshape(-1, 3), np.arange(n + 1) * m, np.full(n, line.closed), members)
 
 
 # --- the room between fibres -----------------------------------------------------------------------------------------
