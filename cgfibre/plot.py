@@ -653,39 +653,41 @@ class BundleView:
 
 
 @dataclass(frozen=True)
-class _Camera:
+class Camera:
     """Parallel projection: rows right, up, towards the eye; y and z stretched before."""
 
     axes: FloatArray
     stretch: FloatArray
 
     @classmethod
-    def of(cls, view: BundleView) -> _Camera:
+    def of(cls, view: BundleView) -> Camera:
+        """The camera of a view."""
         a, e = np.radians([view.azimuth, view.elevation])
         eye = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
         right = np.array([-np.sin(a), np.cos(a), 0.0])
         return cls(np.stack([right, np.cross(eye, right), eye]), np.array([1, view.exaggeration, view.exaggeration]))
 
     def __call__(self, points: FloatArray) -> FloatArray:
+        """(n, 3) points as the camera sees them."""
         return (np.asarray(points, dtype=float) * self.stretch) @ self.axes.T
 
 
 @dataclass(frozen=True)
-class _Tubes:
-    """Points close together along the filaments, as the camera sees them, with radius and tangent."""
+class Tubes:
+    """Points close together along the filaments, (n, 3) as the camera sees them, with tangent and (n,) radius."""
 
     points: FloatArray
     tangent: FloatArray
-    radius: float
+    radius: FloatArray
     bead: IntArray
     filament: IntArray
 
 
 #: pixels touched at most (a second or so); larger systems are drawn coarser
-_PIXEL_BUDGET = 16_000_000
+PIXEL_BUDGET = 16_000_000
 
 
-def _tubes(system: FilamentSystem, positions: FloatArray, camera: _Camera, step: float) -> _Tubes:
+def _tubes(system: FilamentSystem, positions: FloatArray, camera: Camera, step: float) -> Tubes:
     bonds = system.bonds()
     bonds = bonds[bonds[:, 1] > bonds[:, 0]]  # a closing bond would cross the picture
     seen = camera(positions)
@@ -694,27 +696,30 @@ def _tubes(system: FilamentSystem, positions: FloatArray, camera: _Camera, step:
     n = np.maximum(1, np.ceil(np.linalg.norm(d[:, :2], axis=1) / step)).astype(np.int64)
     bond = np.repeat(np.arange(len(bonds)), n)
     share = (np.arange(len(bond)) - np.repeat(np.cumsum(n) - n, n) + 0.5) / n[bond]
-    return _Tubes(
+    return Tubes(
         points=seen[bonds[bond, 0]] + share[:, None] * d[bond],
         tangent=(d / np.where(length > 0, length, 1.0)[:, None])[bond],
-        radius=float(system.diameter.mean()) / 2 * float(camera.stretch[1]),
+        radius=np.full(len(bond), float(system.diameter.mean()) / 2 * float(camera.stretch[1])),
         bead=bonds[bond, 0] + (share > 0.5),
         filament=system.filament_of_bead[bonds[bond, 0]],
     )
 
 
-def _render(tubes: _Tubes, base: FloatArray, origin: FloatArray, shape: tuple[int, int], pixel: float) -> FloatArray:
+def render_tubes(
+    tubes: Tubes, base: FloatArray, origin: FloatArray, shape: tuple[int, int], pixel: float
+) -> FloatArray:
     """(rows, columns, 4) image of shaded tubes by a depth buffer: every point is a ball, shaded as its tube."""
     rows, columns = shape
     place = (tubes.points[:, :2] - origin) / pixel
     corner = np.floor(place).astype(np.int64)
-    reach = int(np.ceil(tubes.radius / pixel))
-    offsets = np.array([(i, j) for i in range(-reach, reach + 1) for j in range(-reach, reach + 1)])
     r = tubes.radius / pixel
+    largest = float(r.max())
+    reach = int(np.ceil(largest))
+    offsets = np.array([(i, j) for i in range(-reach, reach + 1) for j in range(-reach, reach + 1)])
     depth = tubes.points[:, 2] / pixel
-    depth = depth - depth.min() + r + 1
+    depth = depth - depth.min() + largest + 1
     # depth in the high bits, then the point: the largest is what the eye meets
-    levels = (2.0**30) / (depth.max() + r + 1)
+    levels = (2.0**30) / (depth.max() + largest + 1)
     nearest = np.zeros(rows * columns, dtype=np.int64)
     index = np.arange(len(place), dtype=np.int64)
     for i, j in offsets:
@@ -728,8 +733,8 @@ def _render(tubes: _Tubes, base: FloatArray, origin: FloatArray, shape: tuple[in
     hit = np.flatnonzero(nearest)
     point = nearest[hit] & 0xFFFFFFFF
     normal = np.empty((len(hit), 3))
-    normal[:, 0] = (hit % columns + 0.5 - place[point, 0]) / r
-    normal[:, 1] = (hit // columns + 0.5 - place[point, 1]) / r
+    normal[:, 0] = (hit % columns + 0.5 - place[point, 0]) / r[point]
+    normal[:, 1] = (hit // columns + 0.5 - place[point, 1]) / r[point]
     normal[:, 2] = np.sqrt(np.maximum(1 - normal[:, 0] ** 2 - normal[:, 1] ** 2, 0))
     tangent = tubes.tangent[point]
     normal -= (normal * tangent).sum(axis=1, keepdims=True) * tangent
@@ -744,7 +749,7 @@ def _render(tubes: _Tubes, base: FloatArray, origin: FloatArray, shape: tuple[in
     fall = np.zeros(shape)
     for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
         fall = np.maximum(fall, np.roll(surface, shift, axis) - surface)
-    shadow = 1 - 0.5 * np.clip(fall.ravel()[hit] / (2 * r), 0, 1)
+    shadow = 1 - 0.5 * np.clip(fall.ravel()[hit] / (2 * r[point]), 0, 1)
     bright = (0.38 + 0.72 * diffuse) * (0.55 + 0.45 * normal[:, 2]) * shadow
     image = np.zeros((rows * columns, 4))
     image[hit, :3] = np.clip(base[point] * bright[:, None] + 0.22 * (shine * shadow)[:, None], 0, 1)
@@ -752,7 +757,7 @@ def _render(tubes: _Tubes, base: FloatArray, origin: FloatArray, shape: tuple[in
     return image.reshape(rows, columns, 4)
 
 
-def _draw_platens(ax: Axes, view: BundleView, camera: _Camera, positions: FloatArray, depth: float) -> FloatArray:
+def _draw_platens(ax: Axes, view: BundleView, camera: Camera, positions: FloatArray, depth: float) -> FloatArray:
     """Draw the outlines; (n, 3) their corners."""
     from matplotlib.patches import Polygon
 
@@ -787,7 +792,7 @@ def _draw_platens(ax: Axes, view: BundleView, camera: _Camera, positions: FloatA
     return drawn
 
 
-def _draw_scale(ax: Axes, view: BundleView, camera: _Camera, points: FloatArray) -> FloatArray:
+def _draw_scale(ax: Axes, view: BundleView, camera: Camera, points: FloatArray) -> FloatArray:
     """Bar of a round length along x below everything at ``points`` (n, 3), the axes beside it; (n, 2) points drawn."""
     low, high = points.min(axis=0), points.max(axis=0)
     seen = camera(points)[:, :2]
@@ -835,7 +840,7 @@ def figure_bundle_3d(system: FilamentSystem, positions: FloatArray, view: Bundle
         raise InputError("system", "one bead a filament", "filaments of two beads or more (draw sections in 2D)")
     if positions.shape != (system.n_beads, 3) or not np.all(np.isfinite(positions)):
         raise InputError("positions", positions.shape, f"shape ({system.n_beads}, 3), finite")
-    camera = _Camera.of(view)
+    camera = Camera.of(view)
     radius = float(system.diameter.mean()) / 2 * view.exaggeration
     seen = camera(positions)[:, :2]
     low, high = seen.min(axis=0) - 1.5 * radius, seen.max(axis=0) + 1.5 * radius
@@ -844,7 +849,7 @@ def figure_bundle_3d(system: FilamentSystem, positions: FloatArray, view: Bundle
     run = float(np.linalg.norm(seen[bonds[:, 1]] - seen[bonds[:, 0]], axis=1).sum())
     for _ in range(8):
         step = max(0.5 * radius, pixel)
-        if run / step * (2 * np.ceil(radius / pixel) + 1) ** 2 <= _PIXEL_BUDGET:
+        if run / step * (2 * np.ceil(radius / pixel) + 1) ** 2 <= PIXEL_BUDGET:
             break
         pixel *= 1.25
     tubes = _tubes(system, positions, camera, step)
@@ -861,7 +866,7 @@ def figure_bundle_3d(system: FilamentSystem, positions: FloatArray, view: Bundle
         each = values[tubes.bead] if values.shape == (system.n_beads,) else values[tubes.filament]
         base = np.asarray(colours.mappable().to_rgba(each))[:, :3]
     shape = (int(np.ceil((high[1] - low[1]) / pixel)), int(np.ceil((high[0] - low[0]) / pixel)))
-    image = _render(tubes, base, low, shape, pixel)
+    image = render_tubes(tubes, base, low, shape, pixel)
 
     fig = new_figure(10.0, 4.0)
     with style():

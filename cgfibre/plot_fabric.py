@@ -152,27 +152,28 @@ def _direction_legend(ax: Axes) -> None:
 def plot_by_pressure(
     ax: Axes, pressure: FloatArray, values: Mapping[str, FloatArray], label: str, turn: int | None = None
 ) -> Axes:
-    """``values`` of warp and weft (keys "warp", "weft", or "warp, between" ...) against pressure, MPa.
+    """``values`` of warp and weft against pressure, MPa; keys "warp", "weft", or "warp, between" and the like.
 
-    A key's first word gives colour, dash and mark; what follows a comma is drawn pale. ``turn``: index at which
+    A key's first word gives colour, dash and mark; "between" is drawn pale and hollow. ``turn``: index at which
     unloading begins, drawn thin from there on.
     """
     shown = {name: (colour, dash, mark) for name, colour, dash, mark in DIRECTIONS}
+    stop = len(pressure) if turn is None else turn + 1
     with style():
         for name, series in values.items():
-            direction, _, more = name.partition(",")
+            direction, _, place = name.partition(", ")
             colour, dash, mark = shown[direction]
-            stop = len(pressure) if turn is None else turn + 1
-            look: dict[str, Any] = {"color": colour, "ls": dash, "alpha": 0.45 if more else 1.0}
+            pale = place == "between"
+            look: dict[str, Any] = {"color": colour, "ls": dash, "alpha": 0.55 if pale else 1.0}
             ax.plot(
-                pressure[:stop], series[:stop], marker=mark, ms=4, mfc="white" if more else colour, label=name, **look
+                pressure[:stop], series[:stop], marker=mark, ms=4, mfc="white" if pale else colour, label=name, **look
             )
             if stop < len(pressure):
                 ax.plot(pressure[stop - 1 :], series[stop - 1 :], lw=1.0, **look)
         ax.set_xlabel("pressure (MPa)")
         ax.set_ylabel(label)
         ax.set_xlim(left=0)
-        ax.legend(loc="best")
+        ax.legend(loc="best", fontsize=8.5)
     return ax
 
 
@@ -213,28 +214,10 @@ def figure_crimp(history: CrimpHistory, title: str = "") -> Figure:
             for k, name in enumerate(("warp", "weft")):
                 series[f"{name}, at crossings"] = at[k] * scale
                 series[f"{name}, between"] = between[k] * scale
-            _plot_places(ax, h, series, f"{label} ({unit})")
+            plot_by_pressure(ax, h.pressure, series, f"{label} ({unit})", h.turn)
         if title:
             fig.suptitle(title)
     return fig
-
-
-def _plot_places(ax: Axes, history: CrimpHistory, series: Mapping[str, FloatArray], label: str) -> None:
-    shown = {name: (colour, dash, mark) for name, colour, dash, mark in DIRECTIONS}
-    stop = len(history.pressure) if history.turn is None else history.turn + 1
-    for name, values in series.items():
-        direction, _, place = name.partition(", ")
-        colour, dash, mark = shown[direction]
-        at = place == "at crossings"
-        look: dict[str, Any] = {"color": colour, "ls": dash, "alpha": 1.0 if at else 0.55}
-        fill = colour if at else "white"
-        ax.plot(history.pressure[:stop], values[:stop], marker=mark, ms=4, mfc=fill, label=name, **look)
-        if stop < len(history.pressure):
-            ax.plot(history.pressure[stop - 1 :], values[stop - 1 :], lw=1.0, **look)
-    ax.set_xlabel("pressure (MPa)")
-    ax.set_ylabel(label)
-    ax.set_xlim(left=0)
-    ax.legend(loc="best", fontsize=8.5)
 
 
 @dataclass(frozen=True)
@@ -299,7 +282,7 @@ def plot_crossings(ax: Axes, view: CrossingMap) -> Axes:
 
 @dataclass(frozen=True)
 class Balance:
-    """Forces through the fabric against pressure, one value a frame: ``platen`` N and the sum over all ``crossings`` N."""
+    """Forces through the fabric against pressure, one value a frame: ``platen`` N, the sum over ``crossings`` N."""
 
     pressure: FloatArray
     platen: FloatArray

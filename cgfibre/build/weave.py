@@ -11,8 +11,8 @@ import numpy as np
 
 from cgfibre.build.overlap import initial_overlap
 from cgfibre.build.system import FilamentSystem, FilamentType, FloatArray
-from cgfibre.build.tow_path import TowPath, resample, stations
 from cgfibre.build.tow_packing import Packing, holding, packed_section
+from cgfibre.build.tow_path import TowPath, resample, stations
 from cgfibre.build.tow_shape import SECTIONS, TowShape
 from cgfibre.build.weave_spec import (
     WeaveGeometry,
@@ -93,9 +93,9 @@ def ribbon_system(
 
     Chain k of m stands (k - (m - 1) / 2) (w - D) / (m - 1) across the tow, so that the outermost rods end at its
     width; ``types`` are those of one chain, D its diameter, at most the thickness. ``chains`` of (warp, weft) tows, at
-    least 2 (a round tow is one); ``None`` takes as many as stand side by side without a gap, ceil((w - D) / D) + 1. Rods of
-    one thickness make a racetrack whatever the section: a spec's paths are made for racetracks of its widths and
-    thicknesses, so that none overlap. Chains of one tow may stand in each other: leave out contacts inside a tow.
+    least 2 (a round tow is one); ``None`` takes as many as stand side by side without a gap, ceil((w - D) / D) + 1.
+    Rods of one thickness make a racetrack whatever the section: a spec's paths are made for racetracks of its widths
+    and thicknesses, so that none overlap. Chains of one tow may stand in each other: leave out contacts inside a tow.
     Raises :class:`InputError` as :func:`tow_system`.
     """
     if isinstance(woven, WeaveSpec):
@@ -201,7 +201,7 @@ def _turns(path: TowPath, twist: float) -> float:
         return turns
     if round(turns) == 0:
         least = 0.5 / path.arc_length
-        raise InputError("filaments.twist", twist, f"at least {least:.4g} turns per um, or a longer cell: it turns once")
+        raise InputError("filaments.twist", twist, f"at least {least:.4g} turns per um, or a longer cell")
     return float(round(turns))
 
 
