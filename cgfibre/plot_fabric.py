@@ -300,3 +300,13 @@ def plot_balance(ax: Axes, balance: Balance) -> Axes:
         ax.set_ylabel("force at crossings / platen force")
         ax.set_xlim(left=0)
     return ax
+
+
+def figure_crossings(view: CrossingMap, balance: Balance) -> Figure:
+    """The map of the crossing forces, and beside it their sum over the platen's force against pressure."""
+    fig = new_figure(10.5, 4.4)
+    with style():
+        left, right = fig.subplots(1, 2, width_ratios=(1.25, 1.0))
+        plot_crossings(left, view)
+        plot_balance(right, balance)
+    return fig

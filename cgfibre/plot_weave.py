@@ -168,9 +168,10 @@ def figure_weave(system: FilamentSystem, states: Mapping[str, FloatArray], view:
         for ax, (title, cells) in zip(axes, shown.items(), strict=True):
             draw_tows(ax, cells, view=replace(view, title=title))
             limits.append((*ax.get_xlim(), *ax.get_ylim()))
-        low = np.min(limits, axis=0)
-        high = np.max(limits, axis=0)
+        low, high = np.min(limits, axis=0), np.max(limits, axis=0)
         for ax in axes:
             ax.set_xlim(low[0], high[1])
             ax.set_ylim(low[2], high[3])
+        wide, tall = high[1] - low[0], high[3] - low[2]
+        fig.set_size_inches(5.4 * len(shown), float(np.clip(5.4 * tall / wide + 0.4, 2.0, 8.0)))
     return fig

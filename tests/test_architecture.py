@@ -24,6 +24,7 @@ LAYERS = [
     {"engine"},
     {"review_fabric"},
     {"review", "cases", "plot_fabric", "plot_friction", "plot_towtest", "plot_weave"},
+    {"pictures_fabric"},
     {"pictures", "certify"},
     {"workflow", "stability", "micrograph", "signals", "towtest"},
     {"capstan"},

@@ -159,7 +159,8 @@ def _bands(
     fine = np.stack([np.interp(share, np.arange(len(points)), points[:, k]) for k in range(3)], axis=1)
     if closed:
         # one strip over the whole window: images one after the other
-        shifts = _images(float(fine[:, other].min()), float(fine[:, other].max()), float(period[other]), span)
+        wide = (span[0] - 2 * radius, span[1] + 2 * radius)
+        shifts = _images(float(fine[:, other].min()), float(fine[:, other].max()), float(period[other]), wide)
         run = points[-1] - points[0]
         if run[other] < 0:
             fine, run = fine[::-1], -run
@@ -170,7 +171,9 @@ def _bands(
     near = (at - radius, at + radius)
     for shift in _images(low, high, float(period[axis]), near):
         d = fine[:, axis] + shift - at
-        inside = (np.abs(d) < radius) & (fine[:, other] > span[0] - radius) & (fine[:, other] < span[1] + radius)
+        inside = (
+            (np.abs(d) < radius) & (fine[:, other] > span[0] - 2 * radius) & (fine[:, other] < span[1] + 2 * radius)
+        )
         edge = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
         for first, stop in edge.reshape(-1, 2).tolist():
             if stop - first >= 2:
@@ -211,7 +214,7 @@ def section_of_tow(line: TowLine, at: float) -> tuple[FloatArray, FloatArray]:
 
     ``up`` is normal to the line in the vertical plane through it. Filaments that do not pass the plane are left out.
     """
-    t, spline = line.curve()
+    t, spline = line.curve
     chord = float(np.clip(at, 0.0, t[-1])) if not line.closed else float(np.mod(at, t[-1]))
     centre = np.asarray(spline(chord)) + chord / t[-1] * line.run
     tangent = line.tangents(t, spline, np.asarray(chord))
@@ -250,7 +253,8 @@ def tow_sections(
 
     Filament level: from the filaments where they pass the plane normal to the tow's centre line, each a circle of its
     diameter. A tow of one chain, or of a ribbon of chains side by side, keeps its diameter but for what it gives to
-    others: half of the overlap with the chains that it crosses (their mean). ``platens`` (bottom, top) um: what lies behind a platen's face is pressed flat.
+    others: half of the overlap with the chains that it crosses (their mean). ``platens`` (bottom, top) um: what lies
+    behind a platen's face is pressed flat.
     """
     diameter = fabric.system.diameter
     given = _given(fabric, lines, crossings)
@@ -260,7 +264,7 @@ def tow_sections(
         r = diameter[members] / 2
         mine = np.flatnonzero((crossings.first if line.axis == 0 else crossings.second) == line.tow)
         along = crossings.along[mine, line.axis]
-        total = float(line.curve()[0][-1])
+        total = float(line.curve[0][-1])
         places = [(True, int(c), float(s)) for c, s in zip(mine, along, strict=True)]
         places += [(False, int(mine[c]), s) for c, s in _between(along, total, line.closed)]
         for at_crossing, c, s in places:
@@ -299,7 +303,7 @@ def _given(fabric: Fabric, lines: list[TowLine], crossings: Crossings) -> FloatA
         flat = [_one_layer(line, float(system.diameter[fabric.members[line.tow]].min())) for line in pair]
         if not any(flat):
             continue
-        found = crossings_of(*(_as_lines(line, fabric) for line in pair), period_of(system))
+        found = crossings_of(_as_lines(pair[0], fabric), _as_lines(pair[1], fabric), period_of(system))
         first, second = fabric.members[int(warp)][found.first], fabric.members[int(weft)][found.second]
         reach = (system.diameter[first] + system.diameter[second]) / 2
         overlap = np.maximum(reach - found.distance, 0.0)
