@@ -327,8 +327,7 @@ def frame_statistics(
     if plan.woven is not None:
         top, bottom = platen_heights(system, plan)
         faces = np.column_stack([np.full(len(frames), bottom), top - frames.displacement_um])
-        modulus = plan.contact.modulus if plan.contact.law == "line" else None
-        return fabric_statistics(system, frames, faces, line_law(plan, system), modulus)
+        return fabric_statistics(system, frames, faces, line_law(plan, system), hertz_modulus(plan))
     x = mid_plane(scene, plan)
     d = float(np.max(system.diameter))
     rows: list[dict[str, Any]] = []
@@ -410,6 +409,11 @@ def line_law(plan: Plan, system: FilamentSystem) -> LineLaw:
     radius = float(np.max(system.diameter)) / 2
     line = LineContact(c.modulus, radius / 2, radius)
     return lambda overlap: line.line_load(np.minimum(overlap, 0.999 * line.greatest_approach))
+
+
+def hertz_modulus(plan: Plan) -> float | None:
+    """E* (kPa) with which filaments that cross take Hertz' law, or None where they never do."""
+    return plan.contact.modulus if plan.contact.law == "line" else None
 
 
 def _contact_row(plan: Plan, system: FilamentSystem, positions: FloatArray) -> dict[str, Any]:

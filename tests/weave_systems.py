@@ -8,7 +8,7 @@ S = 100.0  # spacing of the tows, um
 
 
 def plain(n=2, amplitude=10.0, diameter=20.0, per_spacing=16, periodic=True, offsets=((0.0, 0.0),), spacing=S):
-    """n x n tows, each of filaments at `offsets` (across, z) from its centre line; beads at equal steps along x or y."""
+    """n x n tows, each of filaments at `offsets` (across, z) from its centre line; beads at equal steps of x or y."""
     size = n * spacing
     u = np.arange(n * per_spacing + (0 if periodic else 1)) * spacing / per_spacing
     chains, tow = [], []

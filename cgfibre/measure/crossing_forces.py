@@ -169,7 +169,7 @@ def crossing_loads(fabric: Fabric, crossings: Crossings, touch: Touch) -> Crossi
         place=crossings.place,
         warp_above=above,
         force=np.where(above, 1.0, -1.0)[:, None] * force,
-        normal=np.bincount(owner[found], touch.force[across][found], n),
-        area=np.bincount(owner[found], touch.area[across][found], n),
+        normal=np.asarray(np.bincount(owner[found], touch.force[across][found], n), dtype=np.float64),
+        area=np.asarray(np.bincount(owner[found], touch.area[across][found], n), dtype=np.float64),
         count=np.bincount(owner[found], minlength=n).astype(np.int64),
     )

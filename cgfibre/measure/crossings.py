@@ -22,7 +22,7 @@ SLAB = 20_000
 
 @dataclass(frozen=True)
 class Crossings:
-    """Crossings of two sets of lines in plan view, (n,) unless said.
+    """Crossings of two sets of lines in plan view, in order of first and second line, (n,) unless said.
 
     ``first`` and ``second``: index of the lines in their sets; ``place`` (n, 3) um, half-way between them, on the first
     line's image; ``gap`` um, height of the first over the second; ``turn`` +1 where the second crosses the first from
@@ -96,13 +96,17 @@ def crossings_of(first: Lines, second: Lines, period: FloatArray) -> Crossings:
         other = np.array([k for n in near for k in n], dtype=np.int64)
         found.append(_meeting(a, b, one, other, middle, box))
     s, t, one, other = (np.concatenate(c) for c in zip(*found, strict=True))
+    order = np.lexsort((s, one, b.line[other], a.line[one]))  # the same in every frame
+    s, t, one, other = s[order], t[order], one[order], other[order]
     u, v = a.vector[one], b.vector[other]
     on_a = a.start[one] + s[:, None] * u
     on_b = b.start[other] + t[:, None] * v
     cross = np.cross(u, v)
     # the distance of two lines is the part of the gap along their common normal
     gap = on_a[:, 2] - on_b[:, 2]
-    along = np.stack([p.along[k] + x * np.linalg.norm(w, axis=1) for p, k, x, w in ((a, one, s, u), (b, other, t, v))], 1)
+    along = np.stack(
+        [p.along[k] + x * np.linalg.norm(w, axis=1) for p, k, x, w in ((a, one, s, u), (b, other, t, v))], 1
+    )
     place = on_a.copy()
     place[:, 2] -= gap / 2
     return Crossings(
@@ -203,7 +207,7 @@ def _along_x(fabric: Fabric, frames: Frames, axis: int, beads: IntArray) -> Fram
     swap = [0, 1, 2] if axis == 0 else [1, 0, 2]
     positions = frames.positions[:, beads][:, :, swap]
     if period[1 - axis] > 0:
-        positions = np.concatenate([positions, positions + [0, period[1 - axis], 0]], axis=1)
+        positions = np.concatenate([positions, positions + np.array([0.0, period[1 - axis], 0.0])], axis=1)
     return Frames(frames.step, frames.displacement_um, positions)
 
 
@@ -212,7 +216,8 @@ def through_each_other(fabric: Fabric, frames: Frames) -> Guard:
 
     Warp and weft: the order of crossing (:meth:`Crossings.order`) of every pair equals that of the first frame. Warp
     and warp, weft and weft: winding, by :func:`filaments_through_each_other` on the filaments of each axis, with their
-    periodic neighbours (a pair that passed counts once for either copy). Raises InputError for frames of another number of beads.
+    periodic neighbours (a pair that passed counts once for either copy). Raises InputError for frames of another number
+    of beads.
     """
     name = "filaments through each other"
     system = fabric.system

@@ -7,6 +7,7 @@ level it has many filaments. Frames are (n_beads, 3) positions in um; periodic a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -137,6 +138,7 @@ class TowLine:
         """(3,) from the first to the last point, um."""
         return self.points[-1] - self.points[0]
 
+    @cached_property
     def curve(self) -> tuple[FloatArray, CubicSpline]:
         """Chord length t (m,) at the points and the cubic spline through them, less the mean run t/t_end * run.
 
@@ -155,7 +157,7 @@ class TowLine:
 
     def length(self) -> float:
         """Arc length of the spline through the points, um."""
-        t, spline = self.curve()
+        t, spline = self.curve
         half = np.diff(t)[:, None] / 2
         at = (t[:-1, None] + t[1:, None]) / 2 + half * _GAUSS[0]
         return float(np.sum(half * _GAUSS[1] * np.linalg.norm(self.tangents(t, spline, at), axis=2)))
@@ -174,7 +176,7 @@ class TowLine:
         :data:`PASSAGE` of its half height. Both are atan(pi A/s) on z = A cos(pi u/s). A line that stays on one side
         has no passage; its second angle is 0.
         """
-        t, spline = self.curve()
+        t, spline = self.curve
         at = np.unique(t[:-1, None] + np.diff(t)[:, None] * np.arange(FINE + 1) / FINE)
         slope = self.tangents(t, spline, at)
         angle = np.abs(np.arctan2(slope[:, 2], np.hypot(slope[:, 0], slope[:, 1])))
@@ -209,7 +211,8 @@ def _passages(height: FloatArray) -> list[slice]:
 def tow_lines(fabric: Fabric, positions: FloatArray) -> list[TowLine]:
     """Centre line of every tow of a frame: the mean of its filaments bead by bead.
 
-    Where they differ in number of beads, at equal shares of arc length, as many as the fullest has. Filaments are taken in the periodic image nearest to the first one of their tow.
+    Where they differ in number of beads, at equal shares of arc length, as many as the fullest has. Filaments
+    are taken in the periodic image nearest to the first one of their tow.
     """
     lines = lines_of(fabric.system, positions)
     period = period_of(fabric.system)

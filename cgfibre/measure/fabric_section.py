@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -10,9 +11,9 @@ from scipy.spatial import cKDTree
 
 from cgfibre.build.system import FloatArray, IntArray
 from cgfibre.errors import InputError
-from cgfibre.measure.crossings import Crossings
+from cgfibre.measure.crossings import Crossings, crossings_of
 from cgfibre.measure.distribution import outline, polygon_area
-from cgfibre.measure.fabric import Fabric, TowLine, lines_of
+from cgfibre.measure.fabric import Fabric, Lines, TowLine, lines_of
 from cgfibre.measure.segments import period_of, segments_of
 
 #: points along a bead-to-bead segment of a filament that lies in the plane of a cut
@@ -37,8 +38,8 @@ class Ellipses:
 
 @dataclass(frozen=True)
 class Band:
-    """A filament that lies along the plane of a cut: ``line`` (n, 2) um and ``half_width`` (n,) um of the strip in which
-    the plane cuts it; ``tow``; ``filament``."""
+    """A filament that lies along the plane of a cut: ``line`` (n, 2) um and ``half_width`` (n,) um of the strip in
+    which the plane cuts it; ``tow``; ``filament``."""
 
     line: FloatArray
     half_width: FloatArray
@@ -65,7 +66,9 @@ class Cut:
     bands: tuple[Band, ...]
 
 
-def _window(fabric: Fabric, positions: FloatArray, axis: int, window: tuple[float, float] | None) -> tuple[float, float]:
+def _window(
+    fabric: Fabric, positions: FloatArray, axis: int, window: tuple[float, float] | None
+) -> tuple[float, float]:
     if window is not None:
         if not window[1] > window[0]:
             raise InputError("window", window, "two rising coordinates, um")
@@ -124,14 +127,14 @@ def cut_fabric(
     for k in range(len(hit)):
         for shift in _images(u[k] - r[k], u[k] + r[k], float(period[other]), span):
             rows.append((shift, k))
-    shifts, k = np.array([row[0] for row in rows]), np.array([row[1] for row in rows], dtype=np.int64)
+    shifts, of = np.array([row[0] for row in rows]), np.array([row[1] for row in rows], dtype=np.int64)
     ellipses = Ellipses(
-        centres=np.stack([u[k] + shifts, centre[k, 2]], axis=1),
-        major=r[k] / np.abs(unit[k, axis]),
-        minor=r[k],
-        tilt=np.arctan2(unit[k, 2], unit[k, other]),
-        tow=system.tow[filament[hit]][k],
-        filament=filament[hit][k],
+        centres=np.stack([u[of] + shifts, centre[of, 2]], axis=1),
+        major=r[of] / np.abs(unit[of, axis]),
+        minor=r[of],
+        tilt=np.arctan2(unit[of, 2], unit[of, other]),
+        tow=system.tow[filament[hit]][of],
+        filament=filament[hit][of],
     )
     bands: list[Band] = []
     lines = lines_of(system, positions)
@@ -156,7 +159,8 @@ def _bands(
     fine = np.stack([np.interp(share, np.arange(len(points)), points[:, k]) for k in range(3)], axis=1)
     if closed:
         # one strip over the whole window: images one after the other
-        shifts = _images(float(fine[:, other].min()), float(fine[:, other].max()), float(period[other]), span)
+        wide = (span[0] - 2 * radius, span[1] + 2 * radius)
+        shifts = _images(float(fine[:, other].min()), float(fine[:, other].max()), float(period[other]), wide)
         run = points[-1] - points[0]
         if run[other] < 0:
             fine, run = fine[::-1], -run
@@ -167,7 +171,9 @@ def _bands(
     near = (at - radius, at + radius)
     for shift in _images(low, high, float(period[axis]), near):
         d = fine[:, axis] + shift - at
-        inside = (np.abs(d) < radius) & (fine[:, other] > span[0] - radius) & (fine[:, other] < span[1] + radius)
+        inside = (
+            (np.abs(d) < radius) & (fine[:, other] > span[0] - 2 * radius) & (fine[:, other] < span[1] + 2 * radius)
+        )
         edge = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
         for first, stop in edge.reshape(-1, 2).tolist():
             if stop - first >= 2:
@@ -208,7 +214,7 @@ def section_of_tow(line: TowLine, at: float) -> tuple[FloatArray, FloatArray]:
 
     ``up`` is normal to the line in the vertical plane through it. Filaments that do not pass the plane are left out.
     """
-    t, spline = line.curve()
+    t, spline = line.curve
     chord = float(np.clip(at, 0.0, t[-1])) if not line.closed else float(np.mod(at, t[-1]))
     centre = np.asarray(spline(chord)) + chord / t[-1] * line.run
     tangent = line.tangents(t, spline, np.asarray(chord))
@@ -234,7 +240,7 @@ def section_of_tow(line: TowLine, at: float) -> tuple[FloatArray, FloatArray]:
 def _between(along: FloatArray, total: float, closed: bool) -> list[tuple[int, float]]:
     """(index of the crossing before, arc length) half-way between crossings that follow each other."""
     order = np.argsort(along)
-    out = [(int(i), float(along[i] + along[j]) / 2) for i, j in zip(order[:-1], order[1:], strict=True)]
+    out = [(int(i), float(along[i] + along[j]) / 2) for i, j in pairwise(order)]
     if closed and len(order):
         out.append((int(order[-1]), float((along[order[-1]] + along[order[0]] + total) / 2)))
     return out
@@ -246,17 +252,19 @@ def tow_sections(
     """Width and thickness of every tow at its crossings and half-way between them.
 
     Filament level: from the filaments where they pass the plane normal to the tow's centre line, each a circle of its
-    diameter. A tow of one chain (or of a ribbon of chains) keeps its diameter but for what it gives to others: half the
-    overlap with the tow it crosses. ``platens`` (bottom, top) um: what lies behind a platen's face is pressed flat.
+    diameter. A tow of one chain, or of a ribbon of chains side by side, keeps its diameter but for what it gives to
+    others: half of the overlap with the chains that it crosses (their mean). ``platens`` (bottom, top) um: what lies
+    behind a platen's face is pressed flat.
     """
     diameter = fabric.system.diameter
+    given = _given(fabric, lines, crossings)
     rows: list[tuple[int, bool, int, float, float, float, float, FloatArray]] = []
     for line in lines:
         members = fabric.members[line.tow]
         r = diameter[members] / 2
         mine = np.flatnonzero((crossings.first if line.axis == 0 else crossings.second) == line.tow)
         along = crossings.along[mine, line.axis]
-        total = float(line.curve()[0][-1])
+        total = float(line.curve[0][-1])
         places = [(True, int(c), float(s)) for c, s in zip(mine, along, strict=True)]
         places += [(False, int(mine[c]), s) for c, s in _between(along, total, line.closed)]
         for at_crossing, c, s in places:
@@ -268,9 +276,8 @@ def tow_sections(
             bottom, top = low[1], high[1]
             if platens is not None:
                 bottom, top = max(bottom, platens[0] - centre[2]), min(top, platens[1] - centre[2])
-            if at_crossing and len(np.unique(np.round(points[:, 1], 9))) == 1 and fabric.single[line.tow]:
-                both = (diameter[fabric.members[crossings.first[c]][0]], diameter[fabric.members[crossings.second[c]][0]])
-                top -= max(sum(both) / 2 - float(crossings.distance[c]), 0.0) / 2
+            if at_crossing:
+                top -= given[c, line.axis]
             area = polygon_area(outline(points, 2 * radius))
             filled = float(np.sum(np.pi * radius**2)) / area
             rows.append((line.tow, at_crossing, c, high[0] - low[0], top - bottom, area, filled, centre))
@@ -285,6 +292,38 @@ def tow_sections(
         fraction=np.array(columns[6], dtype=float),
         place=np.array(columns[7], dtype=float),
     )
+
+
+def _given(fabric: Fabric, lines: list[TowLine], crossings: Crossings) -> FloatArray:
+    """(n_crossings, 2) um by which a tow of one layer of chains, warp and weft, is thinner at a crossing."""
+    system, of = fabric.system, {line.tow: line for line in lines}
+    out = np.zeros((len(crossings), 2))
+    for c, (warp, weft) in enumerate(zip(crossings.first, crossings.second, strict=True)):
+        pair = of[int(warp)], of[int(weft)]
+        flat = [_one_layer(line, float(system.diameter[fabric.members[line.tow]].min())) for line in pair]
+        if not any(flat):
+            continue
+        found = crossings_of(_as_lines(pair[0], fabric), _as_lines(pair[1], fabric), period_of(system))
+        first, second = fabric.members[int(warp)][found.first], fabric.members[int(weft)][found.second]
+        reach = (system.diameter[first] + system.diameter[second]) / 2
+        overlap = np.maximum(reach - found.distance, 0.0)
+        # tows that cross more than once: those nearest to this crossing
+        mine = np.flatnonzero((crossings.first == warp) & (crossings.second == weft))
+        apart = np.abs(found.along[:, :1] - crossings.along[mine, 0])
+        near = mine[np.argmin(apart, axis=1)] == c
+        out[c] = np.where(flat, np.mean(overlap[near]) / 2 if near.any() else 0.0, 0.0)
+    return out
+
+
+def _one_layer(line: TowLine, diameter: float) -> bool:
+    """Whether all filaments of a tow lie at one height (its first station), as chains of a homogenised tow do."""
+    return float(np.ptp(line.filaments[:, 0, 2])) < 0.05 * diameter
+
+
+def _as_lines(line: TowLine, fabric: Fabric) -> Lines:
+    n, m, _ = line.filaments.shape
+    members = fabric.members[line.tow]
+    return Lines(line.filaments.reshape(-1, 3), np.arange(n + 1) * m, np.full(n, line.closed), members)
 
 
 # --- the room between fibres -----------------------------------------------------------------------------------------

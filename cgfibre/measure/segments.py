@@ -156,9 +156,7 @@ class Stretches:
         return np.asarray(self.reach - np.sqrt(np.maximum(square, 0.0)))
 
 
-def touching_stretches(
-    system: FilamentSystem, positions: FloatArray, touching: np.ndarray | None = None
-) -> Stretches:
+def touching_stretches(system: FilamentSystem, positions: FloatArray, touching: np.ndarray | None = None) -> Stretches:
     """Stretches in which segments of different filaments touch, as ``pair_style capsule`` finds them.
 
     Every point of the filament of the lower number belongs to the segment of the other between whose end planes it
@@ -171,17 +169,19 @@ def touching_stretches(
     radius = system.diameter[s.filament] / 2
     length = np.linalg.norm(s.vector, axis=1)
     unit = s.vector / length[:, None]
-    before, after = _end_planes(system, s, unit)
+    before, after, goes_on = _end_planes(system, s, unit)
     takes_part = np.ones(len(length), bool)
     if touching is not None:
         takes_part = touching[s.bonds[:, 0]] & touching[s.bonds[:, 1]]
+    ahead = positions[s.bonds[:, 1]] - positions[s.bonds[:, 0]]
     found: list[tuple[np.ndarray, ...]] = []
     for one, other in near_pairs(s, 2 * float(radius.max(initial=0.0)), period):
         keep = takes_part[one] & takes_part[other]
         pairs = np.sort(np.column_stack([one[keep], other[keep]]), axis=1)
         pairs = np.unique(pairs, axis=0)
         a, b = pairs[:, 0], pairs[:, 1]
-        w = s.start[a] - s.start[b] - image_shift(s, a, b, period)
+        shift = image_shift(s, a, b, period)
+        w = s.start[a] - (s.start[b] + shift)
         t, v = unit[a], unit[b]
         cosine, along = np.sum(t * v, 1), np.sum(w * v, 1)
         p0, m = w - along[:, None] * v, t - cosine[:, None] * v
@@ -191,16 +191,19 @@ def touching_stretches(
         lo = np.maximum(0.0, (-Q - root) / M)
         hi = np.minimum(length[a], (-Q + root) / M)
         hi = np.where(Q**2 > M * C, hi, lo)
-        end = w - length[b][:, None] * v
-        for alpha, beta in (
-            (np.sum(w * before[b], 1), np.sum(t * before[b], 1)),
-            (-np.sum(end * after[b], 1), -np.sum(t * after[b], 1)),
+        # from the bead itself: the next segment's plane must be this one to the last bit
+        stop = np.where(s.vector[b] == ahead[b], positions[s.bonds[b, 1]], s.start[b] + s.vector[b])
+        end = s.start[a] - (stop + shift)
+        for alpha, beta, edge in (
+            (np.sum(w * before[b], 1), np.sum(t * before[b], 1), np.ones(len(b), bool)),
+            (-np.sum(end * after[b], 1), -np.sum(t * after[b], 1), ~goes_on[b]),
         ):
             with np.errstate(divide="ignore", invalid="ignore"):
                 at = -alpha / beta
             lo = np.where(beta > 0, np.maximum(lo, at), lo)
             hi = np.where(beta < 0, np.minimum(hi, at), hi)
-            hi = np.where((beta == 0) & (alpha < 0), lo, hi)
+            # a point in the plane itself belongs to the later segment
+            hi = np.where((beta == 0) & ((alpha < 0) | ((alpha == 0) & ~edge)), lo, hi)
         hit = hi - lo > 2 * SLIVER * length[a]
         found.append(tuple(c[hit] for c in (pairs, reach, lo, hi, C, Q, M, s.start[a], t, p0, m)))
     if not found:
@@ -236,11 +239,12 @@ def segment_contacts(
     )
 
 
-def _end_planes(system: FilamentSystem, s: Segments, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Normals (n, 3) of the planes at both ends of each segment: halving the angle to the next one, if there is one."""
+def _end_planes(system: FilamentSystem, s: Segments, unit: FloatArray) -> tuple[FloatArray, FloatArray, np.ndarray]:
+    """Normals (n, 3) of the planes at both ends of each segment, halving the angle to the next one if there is one, and
+    whether there is one behind its end."""
     into, out = np.full(system.n_beads, -1), np.full(system.n_beads, -1)
     out[s.bonds[:, 0]] = into[s.bonds[:, 1]] = np.arange(len(s.bonds))
     previous, following = into[s.bonds[:, 0]], out[s.bonds[:, 1]]
     before = unit + np.where(previous[:, None] >= 0, unit[previous], 0.0)
     after = unit + np.where(following[:, None] >= 0, unit[following], 0.0)
-    return before, after
+    return before, after, following >= 0
