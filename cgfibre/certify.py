@@ -68,12 +68,12 @@ class FinerRun:
 
 
 def half_speed(plan: Plan) -> Plan:
-    """The same plan at half the platen speed, loading alone."""
+    """The same plan at half the platen speed, first loading alone."""
     return at_speed_of(plan, plan, 0.5)
 
 
 def at_speed_of(plan: Plan, other: Plan, share: float = 1.0) -> Plan:
-    """``plan`` with ``share`` times the platen speed of ``other``, loading alone, rows of the record where its are.
+    """``plan`` with ``share`` times the platen speed of ``other``, first loading alone, rows where its are.
 
     A little slower than that where the film has to end with a whole row.
     """
@@ -84,7 +84,7 @@ def at_speed_of(plan: Plan, other: Plan, share: float = 1.0) -> Plan:
     steps = max(1, math.ceil(m.load_steps * longer / sample - 1e-9)) * sample
     slower = share * m.load_steps * longer / steps
     motion = replace(
-        m, first=m.first * slower, last=m.last * slower, load_steps=steps, hold_steps=0, unload=False
+        m.first_loading(), first=m.first * slower, last=m.last * slower, load_steps=steps
     )  # v(d) keeps its shape, so the film is the same one, stretched
     sampling = replace(
         plan.sampling,

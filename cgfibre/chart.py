@@ -27,6 +27,7 @@ from cgfibre.build.system import FloatArray
 from cgfibre.errors import CgfibreError, EngineError, InputError
 from cgfibre.measure.compaction import thickness_at_pressure
 from cgfibre.plan.filaments import SEGMENT, contact_shape
+from cgfibre.plan.make import other_shape
 from cgfibre.plan.model import Plan
 from cgfibre.plan.motion import REFERENCE_DISPLACEMENT
 from cgfibre.record import Curve
@@ -60,7 +61,7 @@ _ALONG = (
 )
 _ACROSS = ("model.depth=auto", "model.spring=exact", "model.torsional_spring=exact")
 #: what every run of a chart leaves out
-LOADING_ALONE = ("platens.unload=false", "platens.hold=0 us", "model.speed_check=false")
+LOADING_ALONE = ("platens.cycles=[]", "platens.unload=false", "platens.hold=0 us", "model.speed_check=false")
 
 
 @dataclass(frozen=True)
@@ -266,8 +267,11 @@ class _Work:
 
 def _lay_out(source: str | Path, overrides: Sequence[str], options: ChartOptions) -> _Work:
     """Plan every run of the chart; InputError where the scene itself or its reference cannot be run."""
-    scene, _ = plan_scene(source, overrides)
+    scene, asked = plan_scene(source, overrides)
     steps, reference = ladder(scene, options.reference_accuracy)
+    refused = other_shape(scene, asked.level, reference.level)
+    if refused is not None:
+        raise refused
     if options.only:
         known = [v.name for v in steps]
         for name in options.only:
@@ -290,6 +294,9 @@ def _lay_out(source: str | Path, overrides: Sequence[str], options: ChartOptions
     runs, left_out = {}, []
     for v in steps:
         try:
+            refused = other_shape(scene, asked.level, v.level)
+            if refused is not None:
+                raise refused
             runs[v.name] = plan_runs(v)
         except InputError as error:
             left_out.append((v.name, str(error)))

@@ -10,7 +10,7 @@ import numpy as np
 
 from cgfibre import plot
 from cgfibre.build.system import FilamentSystem
-from cgfibre.engine.assemble import platen_heights
+from cgfibre.engine.assemble import crimp_cylinders, platen_heights
 from cgfibre.measure import distribution
 from cgfibre.pictures_fabric import draw_fabric
 from cgfibre.plan.model import Plan
@@ -107,12 +107,29 @@ def _sections(
         centres = centres[np.isfinite(centres).all(axis=1)]
         local = distribution.local_volume_fraction(centres, d, reach=d) if len(centres) >= 3 else None
         shift = float(frames.displacement_um[k])
-        sections.append(plot.Section(centres, d, bottom if flat else None, top - shift if flat else None, local, title))
+        faces = () if flat or plan.level != "section" else _curved_faces(plan, (top, bottom), shift, centres)
+        lower = bottom if flat or (faces and not plan.platens.bottom_crimped) else None
+        sections.append(plot.Section(centres, d, lower, top - shift if flat else None, local, title, faces))
     colours = plot.Colours.spanning("local fibre volume fraction", *(s.values for s in sections))
     figure = plot.figure_sections(sections, colours)
     if where:
         figure.suptitle(where)
     return figure
+
+
+def _curved_faces(
+    plan: Plan, heights: tuple[float, float], shift: float, centres: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Faces of platens that are curved across a section, over the filaments' width, top one first."""
+    p = plan.platens
+    axes = crimp_cylinders(plan, *heights)
+    reach = min(float(np.max(np.abs(centres[:, 0] - p.crimp_centre))) + plan.pitch, 0.999 * p.crimp_radius)
+    y = np.linspace(-reach, reach, 101)
+    arc = np.sqrt(p.crimp_radius**2 - y**2) * (-1.0 if p.convex else 1.0)
+    faces = [np.column_stack([y + p.crimp_centre, axes[0] - shift + arc])]
+    if p.bottom_crimped:
+        faces.append(np.column_stack([y + p.crimp_centre, axes[1] - arc]))
+    return tuple(faces)
 
 
 def _save(figure: Any, path: Path) -> Path:

@@ -115,7 +115,8 @@ class CurveView:
 
 
 def plot_curve(ax: Axes, curve: Curve, view: CurveView | None = None, label: str = "") -> Axes:
-    """Force or pressure against displacement or thickness, loading and unloading.
+    """Force or pressure against displacement or thickness, loading and unloading; of several cycles the earlier ones
+    are thin and pale.
 
     Thickness runs from right to left, so that compaction always goes to the right. ``label`` names the run in the
     legend. On a logarithmic axis values that are not above zero are left out.
@@ -129,23 +130,25 @@ def plot_curve(ax: Axes, curve: Curve, view: CurveView | None = None, label: str
     lines = [(top, BLUE, "top platen" if view.y == "force" else "mean under the platen")]
     if view.bottom and view.y == "force":
         lines.append((curve["force_bottom_N"], VERMILION, "bottom platen"))
-    going = ~curve.unloading
     back = curve.unloading
-    if back.any():
-        # the branch starts where the other ends
-        back = back | (np.arange(len(curve)) == max(int(np.flatnonzero(back)[0]) - 1, 0))
     with style():
         for values, colour, name in lines:
             y = values * factor
             if view.log:
                 y = np.where(y > 0, y, np.nan)
-            ax.plot(x[going], y[going], color=colour, label=f"{label}: {name}" if label else name)
-            if back.any():
-                ax.plot(x[back], y[back], color=colour, lw=1.5, ls=(0, (4, 1.6)), alpha=0.8)
+            for part, returning, cycle in _branches(curve):
+                early = curve.cycles - cycle
+                look = {"lw": 1.5, "ls": (0, (4, 1.6))} if returning else {"lw": 1.2} if early else {}
+                alpha = (0.8 if returning else 1.0) * 0.75 ** min(early, 3)
+                text = f"{label}: {name}" if label else name
+                ax.plot(x[part], y[part], color=colour, alpha=alpha, label="" if early or returning else text, **look)
+        if curve.cycles > 1:
+            ax.plot([], [], color=GREY, lw=1.2, alpha=0.75, label=f"loadings 1 to {curve.cycles - 1}")
         error, source = view.speed_error, "halving the platen speed"
         if view.certified is not None:
             error, source = view.certified, "certificate"
         if error is not None:
+            going = ~back & (curve.cycle == 1)  # what the error was found for
             y = np.where(top > 0, top, np.nan if view.log else 0.0)[going] * factor
             band = (y * (1 - error), y * (1 + error))
             text = f"±{100 * error:.2g} % ({source})"
@@ -163,6 +166,15 @@ def plot_curve(ax: Axes, curve: Curve, view: CurveView | None = None, label: str
         ax.margins(x=0.01)
         ax.legend(loc="best")
     return ax
+
+
+def _branches(curve: Curve) -> list[tuple[slice, bool, int]]:
+    """(rows, whether the platen goes back, cycle) of each stretch of a curve; it starts where the one before ends."""
+    back = curve.unloading
+    change = (np.diff(back) != 0) | (np.diff(curve.cycle) != 0)
+    ends = [*(np.flatnonzero(change) + 1).tolist(), len(curve)]
+    begins = [0, *(end - 1 for end in ends[:-1])]
+    return [(slice(a, b), bool(back[b - 1]), int(curve.cycle[b - 1])) for a, b in zip(begins, ends, strict=True)]
 
 
 def plot_loadings(ax: Axes, curves: Mapping[str, Curve]) -> Axes:
@@ -214,7 +226,8 @@ def plot_thickness_errors(ax: Axes, thickness: FloatArray, pressure: FloatArray,
 @dataclass(frozen=True)
 class Section:
     """One section to draw: ``centres`` (n, 2) y and z um, ``diameter`` um (one or n), heights of the platens' faces,
-    and optionally ``values`` (n,) for the colour and a ``title``. A face None: that platen is not there."""
+    and optionally ``values`` (n,) for the colour and a ``title``. A face None: that platen is not there. ``faces`` are
+    curved faces, (m, 2) points of y and z each."""
 
     centres: FloatArray
     diameter: float | FloatArray
@@ -222,6 +235,7 @@ class Section:
     z_top: float | None = None
     values: FloatArray | None = None
     title: str = ""
+    faces: tuple[FloatArray, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -259,6 +273,7 @@ def _section_limits(sections: Sequence[Section]) -> tuple[float, float, float, f
         low = np.minimum(low, np.nanmin(s.centres - r, axis=0))
         high = np.maximum(high, np.nanmax(s.centres + r, axis=0))
         platens = [z for z in (s.z_bottom, s.z_top) if z is not None]
+        platens += [float(z) for curved in s.faces for z in (curved[:, 1].min(), curved[:, 1].max())]
         low[1], high[1] = min([low[1], *platens]), max([high[1], *platens])
     pad = 0.05 * max(high - low)
     bar = min(0.07 * max(high - low), 0.3 * (high[1] - low[1]))
@@ -308,6 +323,8 @@ def plot_section(ax: Axes, section: Section, colours: Colours | None = None) -> 
                 bar = (y0 - deep, z + base), y1 - y0 + 2 * deep, deep
                 ax.add_patch(Rectangle(*bar, facecolor="#ECECEC", edgecolor="#A0A0A0", hatch="////", lw=0))
                 ax.axhline(z, color=INK, lw=1.4)
+        for curved in section.faces:
+            ax.plot(*curved.T, color=INK, lw=1.8)
         ax.set_aspect("equal")
         ax.grid(False)
         ax.set_xlabel("y (µm)")
@@ -366,11 +383,11 @@ def plot_energy(ax: Axes, curve: Curve) -> Axes:
             t, stored + kinetic, dissipated, color="#E69F00", alpha=0.45, lw=0, label="friction and damping"
         )
         ax.plot(t, work, color=INK, lw=1.8, label="work of the platen")
-        if curve.unloading.any():
-            turn = t[np.flatnonzero(curve.unloading)[0]]
+        for part, returning, cycle in _branches(curve)[1:]:
+            turn = t[part.start]
             ax.axvline(turn, color=GREY, lw=1.0, ls=":")
             ax.annotate(
-                "unloading",
+                "unloading" if curve.cycles == 1 else "" if returning else f"loading {cycle}",
                 (turn, 0.0),
                 xycoords=("data", "axes fraction"),
                 xytext=(4, 5),

@@ -5,7 +5,7 @@ The column names and units of ``curve.csv`` (interface) are stated here once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -27,23 +27,38 @@ CURVE_COLUMNS: dict[str, str] = {
 }
 
 
+#: what curve.csv has beside them where there is more than one cycle; always in /record
+CYCLE_COLUMNS = ("cycle", "phase")
+
+
+def phases(displacement: FloatArray) -> IntArray:
+    """(n,) 0 loading, 1 holding, 2 unloading, from the platen's displacement where nothing else tells them."""
+    change = np.diff(displacement, prepend=0.0)
+    tiny = 1e-9 * max(1.0, float(np.max(np.abs(displacement), initial=0.0)))
+    return np.where(change > tiny, 0, np.where(change < -tiny, 2, 1)).astype(np.int64)
+
+
 @dataclass(frozen=True)
 class Curve:
     """The pressure-thickness record: one array of n_samples a column of :data:`CURVE_COLUMNS`.
 
     Compression is positive; forces are means over the sampling window on the whole modelled length (section: per the
     stated depth). ``phase`` is (n_samples,) int: 0 loading, 1 holding, 2 unloading. ``width_um`` is the width of the
-    assembly under the platen at the sample.
+    assembly under the platen at the sample. ``cycle`` (n_samples,) int counts the loadings from 1 (not given: one); the
+    last one ends at the scene's stop.
     """
 
     columns: dict[str, FloatArray]
     phase: IntArray
     width_um: FloatArray
+    cycle: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     def __post_init__(self) -> None:
         missing = set(CURVE_COLUMNS) - set(self.columns)
         if missing:
             raise ValueError(f"Curve lacks the columns {sorted(missing)}")
+        if len(self.cycle) == 0:
+            object.__setattr__(self, "cycle", np.ones(len(self.phase), dtype=np.int64))
 
     def __getitem__(self, name: str) -> FloatArray:
         return self.columns[name]
@@ -53,13 +68,31 @@ class Curve:
 
     @property
     def loading(self) -> np.ndarray:
-        """(n_samples,) bool, true while the platen goes down."""
-        return self.phase == 0
+        """(n_samples,) bool, true while the platen goes down for the first time; :meth:`of` gives later loadings."""
+        return (self.phase == 0) & (self.cycle == 1)
 
     @property
     def unloading(self) -> np.ndarray:
-        """(n_samples,) bool, true while the platen goes back."""
+        """(n_samples,) bool, true while the platen goes back, in any cycle."""
         return self.phase == 2
+
+    @property
+    def cycles(self) -> int:
+        """How many loadings there are."""
+        return int(np.max(self.cycle, initial=1))
+
+    def of(self, cycle: int) -> Curve:
+        """The curve of one cycle, as if it were the only one; it starts at the last sample of the one before.
+
+        Its own rows have ``cycle`` 1, so :attr:`loading` is the loading of that cycle.
+        """
+        keep = self.cycle == cycle
+        before = np.flatnonzero(self.cycle < cycle)
+        phase = self.phase.copy()
+        if len(before) and keep.any():
+            keep[before[-1]], phase[before[-1]] = True, 0
+        columns = {name: values[keep] for name, values in self.columns.items()}
+        return Curve(columns, phase[keep], self.width_um[keep])
 
 
 @dataclass(frozen=True)

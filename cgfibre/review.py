@@ -84,10 +84,11 @@ def platen_gaps(plan: Plan, system: FilamentSystem, displacement: float) -> tupl
     if p.shape != "crimped":
         return FlatPlaten(top - displacement, True), FlatPlaten(bottom, False)
     top_z, bottom_z = crimp_cylinders(plan, top, bottom)
-    upper = CylinderPlaten(p.crimp_centre, top_z - displacement, p.crimp_radius, p.convex)
+    across = plan.level == "section"
+    upper = CylinderPlaten(p.crimp_centre, top_z - displacement, p.crimp_radius, p.convex, across=across)
     lower: Gap = FlatPlaten(bottom, False)
     if p.bottom_crimped:
-        lower = CylinderPlaten(p.crimp_centre, bottom_z, p.crimp_radius, p.convex)
+        lower = CylinderPlaten(p.crimp_centre, bottom_z, p.crimp_radius, p.convex, across=across)
     return upper, lower
 
 
@@ -164,7 +165,7 @@ def quasi_static_from(plan: Plan, system: FilamentSystem, curve: Curve) -> float
     At least 2/7 D, and from there on every loading force above the plan's quasi-static force at its speed.
     """
     d, force = curve["displacement_um"][curve.loading], curve["force_top_N"][curve.loading] * 1e9
-    start = min(REFERENCE_DISPLACEMENT * float(np.max(system.diameter)), plan.motion.planned_displacement / 2)
+    start = min(REFERENCE_DISPLACEMENT * float(np.max(system.diameter)), plan.motion.targets[0].displacement / 2)
     if plan.woven is not None:  # tows touch at once, and are thick
         start = 0.0
     short = np.flatnonzero((d < start) | (force < plan.motion.quasi_static_force(d)))
@@ -217,11 +218,11 @@ def _gone_guard(scene: Scene, plan: Plan, system: FilamentSystem, frames: Frames
 
 def _motion_guard(plan: Plan, curve: Curve) -> Guard:
     """Whether the platen went as planned: a deck run by hand with another step or speed is not what the plan judges."""
-    # up to the last row but one: the film turns round anywhere in between, and nothing is known of it here
-    loading = curve.loading & (curve["step"] > 0) & (np.arange(len(curve)) < np.argmax(curve["displacement_um"]))
+    loading = curve.loading & (curve["step"] > 0)
+    loading[np.flatnonzero(loading)[-1:]] = False  # decks of earlier versions do not tell where the platen turned
     middle = curve["step"][loading] - 0.5 * plan.sampling.sample
-    stop = plan.motion.load_steps
-    film = [displacement_at(plan, np.minimum(middle + k * plan.sampling.block, stop - 1), stop) for k in (0, 1)]
+    last = plan.motion.load_steps - 1
+    film = [displacement_at(plan, np.minimum(middle + k * plan.sampling.block, last)) for k in (0, 1)]
     # within a block the deck goes straight where the film is curved
     off = np.abs(curve["displacement_um"][loading] - film[0]) - 0.25 * (film[1] - film[0])
     share = float(np.max(off, initial=0.0) / max(float(np.max(film[0], initial=0.0)), 1e-12))
@@ -426,18 +427,55 @@ def _contact_row(plan: Plan, system: FilamentSystem, positions: FloatArray) -> d
     return row
 
 
+def thickness_at(curve: Curve) -> dict[str, float]:
+    """Thickness (um) of the loading at each of :data:`PRESSURES`, by its text; nan where the pressure is not met."""
+    thickness, pressure = curve["thickness_um"][curve.loading], curve["pressure_MPa"][curve.loading]
+    at = compaction.thickness_at_pressure(thickness, pressure, np.array(PRESSURES))
+    return {f"{p:g}": float(h) for p, h in zip(PRESSURES, at, strict=True)}
+
+
+def measure_cycle(curve: Curve) -> dict[str, Any]:
+    """One cycle of a curve (:meth:`Curve.of`): its peak, the thickness at fixed pressures, the work of loading and,
+    where it was unloaded, its permanent set and the loss.
+
+    ``set_um`` is the displacement, from the assembly as built, at which unloading ended: the platen feels nothing any
+    more, or stands where it first touched. The next cycle begins there.
+    """
+    d, force, thickness = curve["displacement_um"], curve["force_top_N"], curve["thickness_um"]
+    peak = int(np.argmax(force))
+    loop = compaction.hysteresis(d, force, curve.phase)
+    found: dict[str, Any] = {
+        "peak_force_N": float(force[peak]),
+        "peak_pressure_MPa": float(curve["pressure_MPa"][peak]),
+        "thickness_um_at_peak": float(thickness[peak]),
+        "thickness_um_at_MPa": thickness_at(curve),
+        "work_J": loop.loading * 1e-6,
+    }
+    if np.any(curve.unloading):
+        # a row is the mean over its window: unloading went on by half a row
+        end = float(d[-1] + (d[-1] - d[-2]) / 2)
+        found |= {
+            "set_um": end,
+            "thickness_um_released": float(thickness[-1] + d[-1] - end),
+            "loss_J": loop.loss * 1e-6,
+            "loss_fraction": loop.fraction,
+        }
+    return found
+
+
 def fit_curve(plan: Plan, curve: Curve) -> dict[str, Any]:
-    """Hysteresis, thickness at fixed pressures; over the quasi-static part of loading the power law eps = a p^b with
-    its tangent modulus, and Poisson's ratio at the stop."""
+    """Hysteresis (of the last cycle), thickness at fixed pressures; over the quasi-static part of the first loading the
+    power law eps = a p^b with its tangent modulus, and Poisson's ratio at its stop; each cycle where there are several.
+    """
     loading = curve.loading & (curve["force_top_N"] * 1e9 > plan.motion.quasi_static_force(curve["displacement_um"]))
     fits: dict[str, Any] = {}
-    if np.any(curve.unloading):
-        loop = compaction.hysteresis(curve["displacement_um"], curve["force_top_N"], curve.phase)
+    final = curve.of(curve.cycles)
+    if np.any(final.unloading):
+        loop = compaction.hysteresis(final["displacement_um"], final["force_top_N"], final.phase)
         fits["hysteresis"] = {"loss_J": loop.loss * 1e-6, "fraction": loop.fraction}
-    at = compaction.thickness_at_pressure(
-        curve["thickness_um"][curve.loading], curve["pressure_MPa"][curve.loading], np.array(PRESSURES)
-    )
-    fits["thickness_um_at_MPa"] = {f"{p:g}": float(h) for p, h in zip(PRESSURES, at, strict=True)}
+    fits["thickness_um_at_MPa"] = thickness_at(curve)
+    if curve.cycles > 1:
+        fits["cycles"] = [measure_cycle(curve.of(k)) for k in range(1, curve.cycles + 1)]
     strain = compaction.compressive_strain(curve["displacement_um"], float(curve["thickness_um"][0]))[loading]
     pressure = curve["pressure_MPa"][loading]
     try:

@@ -123,37 +123,56 @@ class Ends(Table):
 
 
 class Stop(Table):
-    """``[platens.stop]``: where loading ends, by exactly one of four measures."""
+    """``[platens.stop]``: where loading ends, by exactly one of five measures.
+
+    ``line_force`` is the force on the platen over its length along the filaments (for a section: over its depth).
+    """
 
     displacement: Annotated[float | None, Value("um", above=0.0, most=1e7)] = None
     thickness: Annotated[float | None, Value("um", above=0.0, most=1e7)] = None
     pressure: Annotated[float | None, Value("kPa", above=0.0, most=1e10)] = None
     force: Annotated[float | None, Value("nN", above=0.0)] = None
+    line_force: Annotated[float | None, Value("nN/um", above=0.0)] = None
 
     @model_validator(mode="after")
     def _exactly_one(self) -> Stop:
-        given = [key for key in type(self).model_fields if getattr(self, key) is not None]
+        given = [key for key in Stop.model_fields if getattr(self, key) is not None]
         if len(given) != 1:
-            expected = "exactly one of displacement, thickness, pressure or force"
+            expected = "exactly one of displacement, thickness, pressure, force or line_force"
             raise refusal("", Abridged("{" + ", ".join(given) + "}") if given else NOT_GIVEN, expected)
         return self
 
     @property
     def kind(self) -> str:
-        """Which of the four measures is given."""
-        return next(key for key in type(self).model_fields if getattr(self, key) is not None)
+        """Which of the five measures is given."""
+        return next(key for key in Stop.model_fields if getattr(self, key) is not None)
 
     @property
     def value(self) -> float:
-        """Its value: um, kPa or nN."""
+        """Its value: um, kPa, nN or nN/um."""
         return float(getattr(self, self.kind))
+
+
+class Cycle(Stop):
+    """A row of ``platens.cycles``: an earlier stop, ``times`` over."""
+
+    times: Annotated[int, Value(whole=True, least=1, most=1000)] = 1
+
+
+def _rows(data: Any) -> Any:
+    return tuple(data) if isinstance(data, list) else data
 
 
 class Platens(Table):
     """``[platens]``: the tools above and below, their motion and where it ends.
 
     ``width`` is along the filaments; ``bottom_width`` is the top's where not given. ``friction`` is that between
-    filament and platen.
+    filament and platen. ``cycles`` are earlier stops: the assembly is loaded to each and unloaded, till the platen
+    feels nothing, before it is loaded to ``stop``, held there and (``unload``) unloaded.
+
+    A crimped platen is a cylinder whose surface leans by ``crimp_angle`` at its edges: along the filaments at those of
+    its width; in a section, which has no length, across them at half of ``crimp_width`` (auto: of the assembly's width
+    as built) from the middle.
     """
 
     shape: Literal["flat", "crimped"] = "flat"
@@ -161,9 +180,11 @@ class Platens(Table):
     bottom_width: Annotated[float | Literal["full"] | None, Value("um", words=("full",), above=0.0, most=1e7)] = None
     crimp_angle: Annotated[float | None, Value("rad", above=0.0, below=math.pi / 4.0)] = None
     crimp_side: Literal["both", "top"] = "both"
+    crimp_width: AutoLength = "auto"
     curvature: Literal["convex", "concave"] = "convex"
     friction: Friction = 0.3
     speed: AutoSpeed = "auto"
+    cycles: Annotated[tuple[Cycle, ...], BeforeValidator(_rows)] = ()
     stop: Stop
     hold: TimeOrZero = 0.0
     unload: bool = False
@@ -173,12 +194,8 @@ class Platens(Table):
         if self.shape == "crimped":
             if self.crimp_angle is None:
                 raise refusal("crimp_angle", NOT_GIVEN, _field_value(Platens, "crimp_angle").expected)
-            if self.width == "full":
-                raise refusal("width", "full", "a length such as '0.5 mm': the arc of a crimped platen has an end")
-            if self.crimp_side == "both" and self.bottom_width == "full":
-                raise refusal("bottom_width", "full", "a length such as '0.5 mm', or crimp_side = 'top'")
             return self
-        for key in ("crimp_angle", "crimp_side", "curvature"):
+        for key in ("crimp_angle", "crimp_side", "crimp_width", "curvature"):
             if getattr(self, key) != type(self).model_fields[key].default:
                 raise refusal(key, self._shown(key), "no such key with shape = 'flat' (or shape = 'crimped')")
         return self
@@ -431,7 +448,13 @@ def _check_tension(scene: Scene) -> None:
 
 
 def _check_stop(scene: Scene) -> None:
-    stop, diameter, height = scene.platens.stop, scene.filament.diameter, _height(scene)
+    for i, cycle in enumerate(scene.platens.cycles):
+        _check_one_stop(scene, f"platens.cycles.{i}", cycle)
+    _check_one_stop(scene, "platens.stop", scene.platens.stop)
+
+
+def _check_one_stop(scene: Scene, key: str, stop: Stop) -> None:
+    diameter, height = scene.filament.diameter, _height(scene)
     # filaments can spread until they lie side by side, one diameter thick; a single one only dents
     thinnest = diameter if scene.bundle.count > 1 else 0.5 * diameter
     if stop.displacement is not None and stop.displacement > height - thinnest:
@@ -439,10 +462,10 @@ def _check_stop(scene: Scene) -> None:
             f"at most {_length_um(height - thinnest)}: the bundle is {_length_um(height)} high and no thinner than "
             f"{_length_um(thinnest)}"
         )
-        raise refusal("platens.stop.displacement", stop._shown("displacement"), expected)
+        raise refusal(f"{key}.displacement", stop._shown("displacement"), expected)
     if stop.thickness is not None and not thinnest <= stop.thickness < height:
         expected = f"from {_length_um(thinnest)} (solid filaments side by side) to below the {_length_um(height)} built"
-        raise refusal("platens.stop.thickness", stop._shown("thickness"), expected)
+        raise refusal(f"{key}.thickness", stop._shown("thickness"), expected)
 
 
 def _check_widths(scene: Scene) -> None:
@@ -455,6 +478,21 @@ def _check_widths(scene: Scene) -> None:
                 f"{_length_um(length)}"
             )
             raise refusal(f"platens.{key}", scene.platens._shown(key), expected)
+
+
+def _check_crimp(scene: Scene) -> None:
+    """A crimped platen is curved along the filaments, over its width; in a section across them."""
+    platens = scene.platens
+    if platens.shape != "crimped" or scene.model.level == "section":
+        return
+    if platens.width == "full":
+        expected = "a length such as '0.5 mm': the arc of a crimped platen has an end"
+        raise refusal("platens.width", "full", expected)
+    if platens.crimp_side == "both" and platens.bottom_width == "full":
+        raise refusal("platens.bottom_width", "full", "a length such as '0.5 mm', or crimp_side = 'top'")
+    if platens.crimp_width != "auto":
+        expected = "no such key but with level = 'section': elsewhere platens.width is what is curved"
+        raise refusal("platens.crimp_width", platens._shown("crimp_width"), expected)
 
 
 def _check_spacing(scene: Scene) -> None:
@@ -531,8 +569,6 @@ def _check_section(scene: Scene) -> None:
         raise refusal("assembly.twist", bundle._shown("twist"), f"0: {none_along}")
     if bundle.migration is not None:
         raise refusal("assembly.migration", Abridged("{...}"), f"no such table: {none_along}")
-    if scene.platens.shape != "flat":
-        raise refusal("platens.shape", scene.platens.shape, f"'flat': {none_along}")
     if scene.model.far_field in ("graded", "condensed"):
         raise refusal("model.far_field", scene.model.far_field, f"'auto' or 'none': {none_along}")
     periodic = scene.ends.support == "symmetry" and scene.platens.width == "full"
@@ -618,6 +654,7 @@ Scene.CHECKS = (
     _check_tension,
     _check_stop,
     _check_widths,
+    _check_crimp,
     _check_spacing,
     _check_torsion,
     _check_far_field,
@@ -850,6 +887,8 @@ def _field(loc: Sequence[str], root: type[BaseModel]) -> FieldInfo | None:
     models: list[type[BaseModel]] = [root]
     field = None
     for key in loc:
+        if key.isdigit():  # a row of a list of tables
+            continue
         field = next((m.model_fields[key] for m in models if key in m.model_fields), None)
         if field is None:
             return None

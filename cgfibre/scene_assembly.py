@@ -195,7 +195,7 @@ class Tow(Table):
     ribbons: Annotated[int | Literal["auto"], Value(words=("auto",), whole=True, least=1, most=1000)] = "auto"
     twist: Twist = 0.0
     twist_direction: Literal["Z", "S"] = "Z"
-    packing: Literal["random", "regular"] = "random"
+    packing: Literal["random", "hexagonal"] = "random"
 
     @model_validator(mode="before")
     @classmethod

@@ -4,7 +4,7 @@ Layout (schema 1; every dataset has a ``units`` attribute):
 
     /h5md, /particles/filaments, /connectivity/bonds   H5MD 1.1, positions in nm and time in ns: units that H5MD
                                                        readers know (MDAnalysis refuses um)
-    /record/<column of curve.csv>, phase, width_um     the curve
+    /record/<column of curve.csv>, cycle, phase, width_um   the curve
     /system/...                                        the FilamentSystem, um
     /distribution/... or, of a weave, /fabric/...      statistics, one row a frame
     /scene (TOML), /plan, /summary (JSON)              text
@@ -26,7 +26,7 @@ import numpy as np
 
 from cgfibre.build.system import FilamentSystem, FilamentType
 from cgfibre.errors import InputError, StoreError
-from cgfibre.record import CURVE_COLUMNS, Curve, Frames
+from cgfibre.record import CURVE_COLUMNS, CYCLE_COLUMNS, Curve, Frames, phases
 
 if TYPE_CHECKING:
     import MDAnalysis
@@ -86,7 +86,8 @@ def write_results(path: Path, results: Results) -> None:
         record = f.create_group("record")
         for name, units in CURVE_COLUMNS.items():
             _put(record, name, results.curve[name], units)
-        _put(record, "phase", results.curve.phase, "1")
+        for name in CYCLE_COLUMNS:
+            _put(record, name, getattr(results.curve, name), "1")
         _put(record, "width_um", results.curve.width_um, "um")
         for group, statistics in (("distribution", results.distribution), ("fabric", results.fabric)):
             if statistics or group == "distribution":
@@ -189,7 +190,12 @@ def _read(f: h5py.File) -> Results:
     moving = step > 0
     return Results(
         system=_read_system(f["system"]),
-        curve=Curve({name: record[name][()] for name in CURVE_COLUMNS}, record["phase"][()], record["width_um"][()]),
+        curve=Curve(
+            {name: record[name][()] for name in CURVE_COLUMNS},
+            record["phase"][()],
+            record["width_um"][()],
+            record["cycle"][()] if "cycle" in record else np.ones(len(record["phase"]), dtype=np.int64),
+        ),
         frames=Frames(step, f["observables/platen_displacement/value"][()], position["value"][()] / NM_PER_UM),
         timestep=float(time[moving][0] / step[moving][0]) if moving.any() else 0.0,
         distribution=_statistics(f["distribution"]),
@@ -257,11 +263,16 @@ def open_universe(path: Path) -> MDAnalysis.Universe:
 
 
 def write_curve(path: Path, curve: Curve) -> None:
-    """curve.csv: the columns of the interface, one row a sample, loading then unloading."""
+    """curve.csv: the columns of the interface, one row a sample, loading then unloading.
+
+    A run of several cycles has two more at the end, ``cycle`` (from 1) and ``phase`` (0 loading, 1 holding, 2
+    unloading).
+    """
+    more = CYCLE_COLUMNS if curve.cycles > 1 else ()
     with _replacing(path) as part, part.open("w", newline="") as f:
         writer = csv.writer(f)
-        writer.writerow(CURVE_COLUMNS)
-        columns = [curve[name] for name in CURVE_COLUMNS]
+        writer.writerow([*CURVE_COLUMNS, *more])
+        columns = [curve[name] for name in CURVE_COLUMNS] + [getattr(curve, name) for name in more]
         for row in zip(*columns, strict=True):
             writer.writerow([int(row[0]), *(f"{x:.10g}" for x in row[1:])])
 
@@ -324,7 +335,8 @@ def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[object
 def read_curve(path: Path) -> Curve:
     """The curve of a curve.csv, also one that another version wrote; its widths are not there (nan).
 
-    The phase is told from the displacement. Raises OSError, and ValueError for a table that lacks a column.
+    Without columns of its own the phase is told from the displacement. Raises OSError, and ValueError for a table that
+    lacks a column.
     """
     with path.open(newline="") as f:
         rows = list(csv.DictReader(f))
@@ -334,10 +346,12 @@ def read_curve(path: Path) -> Curve:
         raise ValueError(f"{path.name} lacks the column {error}") from None
     if len(rows) < 2:
         raise ValueError(f"{path.name} has no rows")
-    change = np.sign(np.diff(columns["displacement_um"], prepend=0.0))
-    phase = np.select([change > 0, change < 0], [0, 2], 1)
-    phase[0] = 0
-    return Curve(columns, phase, np.full(len(rows), np.nan))
+    if all(name in rows[0] for name in CYCLE_COLUMNS):
+        cycle, phase = (np.array([int(row[name]) for row in rows]) for name in CYCLE_COLUMNS)
+    else:
+        cycle, phase = np.ones(len(rows), dtype=np.int64), phases(columns["displacement_um"])
+        phase[0] = 0
+    return Curve(columns, phase, np.full(len(rows), np.nan), cycle)
 
 
 def read_points(path: Path) -> list[tuple[str, float, float]]:

@@ -411,7 +411,7 @@ BAD = [
     ({"ends.tension": "4 N"}, "ends.tension", "a strain of 5 %"),
     # platens
     ({"platens.stop": ABSENT}, "platens.stop", "a table [platens.stop]"),
-    ({"platens.stop": {}}, "platens.stop", "exactly one of displacement, thickness, pressure or force"),
+    ({"platens.stop": {}}, "platens.stop", "exactly one of displacement, thickness, pressure, force or line_force"),
     ({"platens.stop.force": "1 mN"}, "platens.stop", "{displacement, force}: expected exactly one"),
     ({"platens.stop.displacement": "50 um"}, "platens.stop.displacement", "at most 47.42 um"),
     ({"platens.stop": {"thickness": "5 um"}}, "platens.stop.thickness", "from 7 um"),

@@ -699,7 +699,7 @@ def test_an_engine_that_never_starts_is_exit_3(bench, cgfibre):
 
 
 @pytest.mark.parametrize(
-    "size", ["140k", "200k", "300k"], ids=["in a checkpoint", "in the trajectory", "in the results"]
+    "size", ["148k", "200k", "300k"], ids=["in a checkpoint", "in the trajectory", "in the results"]
 )
 def test_a_full_disk_is_exit_3_and_what_was_computed_is_kept(bench, size):
     """A small disk of its own for the run; once there is room again it is measured, and goes on to the same curve.

@@ -79,6 +79,17 @@ class TowPath:
         normal -= np.sum(normal * tangent, axis=1)[:, None] * tangent
         return between(self.points), tangent, normal / np.linalg.norm(normal, axis=1)[:, None]
 
+    def stretched(self, factor: float) -> TowPath:
+        """The same path with heights z multiplied by ``factor``, the section square to it."""
+        stretch = np.array([1.0, 1.0, factor])
+        tangent = self.tangent * stretch
+        tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+        normal = self.normal - np.sum(self.normal * tangent, axis=1)[:, None] * tangent
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        points = self.points * stretch
+        path = replace(self, points=points, tangent=tangent, normal=normal, crossings=np.zeros(0))
+        return replace(path, crossings=np.interp(self.crossings, self.arc, path.arc))
+
     def moved(self, shift: FloatArray) -> TowPath:
         """The same path elsewhere."""
         return replace(self, points=self.points + shift)

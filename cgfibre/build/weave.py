@@ -53,6 +53,8 @@ __all__ = [
 
 #: overlap of tows that is let be, of the thinner one's thickness
 CLEAR = 1e-6
+#: stretch of a fabric's height, by its gap or of its paths, that is given for overlap at most
+STRETCH = 1.1
 #: times that a spec's gap is opened
 ROUNDS = 8
 #: what is built: a spec, or paths with the periodic cell's edges (x, y) um (``None``: a patch)
@@ -66,9 +68,9 @@ def tow_system(woven: Woven, types: FilamentType | tuple[FilamentType, FilamentT
     (warp, weft) tows; ``spacing`` um, largest distance of beads along the tow, with a bead on every crossing
     (:func:`stations`). Periodic: closed chains in a cell periodic along x and y. Prestrain is 0.
     Chords between beads dip into the tow they cross, by about (kappa s)^2 D / 4 for curvature kappa: a spec's gap is
-    opened by what overlaps until less than :data:`CLEAR` of the thickness is left. Provenance: the spec, the gap added
-    and the largest overlap as built. Raises :class:`InputError` for a diameter above
-    the tow's thickness, and as :func:`weave_paths`.
+    opened by what overlaps until less than :data:`CLEAR` of the thickness is left; given paths are stretched in height.
+    Provenance: the spec, the gap or stretch, and the largest overlap as built.
+    Raises :class:`InputError` for a diameter above the tow's thickness, and as :func:`weave_paths`.
     """
     kinds = _kinds(types)
 
@@ -206,18 +208,32 @@ def _turns(path: TowPath, twist: float) -> float:
 
 
 def _cleared(woven: Woven, build: Callable[[Woven], FilamentSystem]) -> FilamentSystem:
-    """The system with the gap opened until no tows overlap by more than :data:`CLEAR`; paths as they are."""
-    system = build(woven)
-    if not isinstance(woven, WeaveSpec):
-        return system
-    gap, limit = woven.gap, CLEAR * min(woven.warp.thickness, woven.weft.thickness)
+    """The system with a spec's gap opened, or paths' heights stretched, until tows overlap by :data:`CLEAR` at most.
+
+    Where that does not end (a gap that leaves no way between the tows, paths that want more than :data:`STRETCH`) the
+    system is the one without: its overlap stays in the provenance, for a relaxation to clear.
+    """
+    first = system = build(woven)
+    shapes = [woven.warp, woven.weft] if isinstance(woven, WeaveSpec) else [path.shape for path in woven[0]]
+    thickness = min(shape.thickness for shape in shapes)
+    gap, stretch = 0.0, 1.0
+    key = "gap_added_um" if isinstance(woven, WeaveSpec) else "height_stretch"
     for _ in range(ROUNDS):
         overlap = initial_overlap(system, between_tows=True)[0]
-        if overlap <= limit:
+        if overlap <= CLEAR * thickness:
+            added = gap if isinstance(woven, WeaveSpec) else stretch
+            return replace(system, provenance={**system.provenance, key: added})
+        gap, stretch = gap + 1.01 * overlap, stretch + 1.01 * overlap / thickness
+        if stretch > STRETCH:
             break
-        gap += 1.01 * overlap
-        system = build(replace(woven, gap=gap))
-    return replace(system, provenance={**system.provenance, "gap_added_um": gap - woven.gap})
+        try:
+            if isinstance(woven, WeaveSpec):
+                system = build(replace(woven, gap=woven.gap + gap))
+            else:
+                system = build(([path.stretched(stretch) for path in woven[0]], woven[1]))
+        except InputError:
+            break
+    return replace(first, provenance={**first.provenance, key: 0.0 if isinstance(woven, WeaveSpec) else 1.0})
 
 
 def _racetrack(shape: TowShape) -> TowShape:

@@ -75,7 +75,7 @@ def pressed_at(plan: Plan, lo: float, hi: float) -> Plan:
 
 def moved(plan: Plan, speed: float, load: int, hold: int = 0, sample: int = 1000) -> Plan:
     """Even platen speed, steps of loading and holding, the rows of the record."""
-    motion = replace(plan.motion, first=speed, last=speed, growth=1.0, load_steps=load, hold_steps=hold, unload=False)
+    motion = replace(plan.motion.first_loading(), first=speed, last=speed, growth=1.0, load_steps=load, hold_steps=hold)
     whole = load + hold
     sampling = replace(
         plan.sampling, sample=sample, every=max(1, sample // 20), frame=whole, checkpoint=whole, block=sample

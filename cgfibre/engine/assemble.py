@@ -17,6 +17,7 @@ from cgfibre.engine.mirror import right_half
 from cgfibre.errors import InputError
 from cgfibre.plan.contact import TANGENTIAL_DAMPING
 from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, ROD_DAMPING, Contact, Plan, every_bead
+from cgfibre.plan.section_platens import first_touch
 
 ROLES = 5
 NEAR = 0.5  # of D: beads this near to a platen are given to its wall for a block of steps
@@ -62,8 +63,14 @@ def beads_under(system: FilamentSystem, plan: Plan, span: tuple[float, float] | 
 
 
 def platen_heights(system: FilamentSystem, plan: Plan) -> tuple[float, float]:
-    """(top, bottom) z of the flat platens at first touch, um: where they meet the assembly as built."""
+    """(top, bottom) z of the flat platens at first touch, um: where they meet the assembly as built.
+
+    Platens that are curved across a section: z of their surfaces at the middle.
+    """
     radius = system.diameter[system.filament_of_bead] / 2
+    if plan.level == "section" and plan.platens.shape == "crimped":
+        centres, p = system.positions[:, 1:], plan.platens
+        return first_touch(p, centres, radius, True, 1.0), first_touch(p, centres, radius, p.bottom_crimped, -1.0)
     z = system.positions[:, 2]
 
     def reach(span: tuple[float, float] | None, sign: float) -> float:
@@ -87,6 +94,7 @@ def _density(mass: FloatArray, diameter: FloatArray) -> FloatArray:
 
 
 MAX_BINS = 3e5
+NEVER = 1e300  # a stop that does not come
 
 
 def _bin_size(system: FilamentSystem) -> float:
@@ -139,6 +147,11 @@ def _common(system: FilamentSystem, plan: Plan) -> dict[str, float | int | str]:
         "block_steps": s.block,
         "near_um": NEAR * float(np.max(system.diameter)),
     }
+    if m.cycles:
+        values |= {"cycles": len(m.cycles), "stop_displacement_um": m.planned_displacement}
+        for name in ("displacement_um", "force_nN", "pressure_kPa"):
+            each = (getattr(target, name.rpartition("_")[0]) for target in m.cycles)
+            values[f"cycle_{name}"] = "[" + ",".join(repr(min(x, NEVER)) for x in each) + "]"
     if math.isfinite(m.stop_force):
         values["stop_force_nN"] = m.stop_force
     if math.isfinite(m.stop_pressure):
@@ -153,14 +166,17 @@ def _common(system: FilamentSystem, plan: Plan) -> dict[str, float | int | str]:
 def _platen_file(plan: Plan) -> str:
     """Which platens_*.inc the deck includes."""
     if plan.level == "section":
-        return "section"
+        return "section_crimped" if plan.platens.shape == "crimped" else "section"
     return f"capsule_{plan.platens.shape}" if plan.contact.per_length else plan.platens.shape
 
 
 def crimp_cylinders(plan: Plan, top: float, bottom: float) -> tuple[float, float]:
     """z of the axes of the crimped platens' cylinders, um: convex ones touch the flat heights at mid-span, concave ones
-    at the platen's edges."""
+    at the platen's edges; those across a section have the heights at their middle."""
     p = plan.platens
+    if plan.level == "section":
+        offset = p.crimp_radius if p.convex else -p.crimp_radius
+        return top + offset, bottom - offset
     span = p.top_span or (0.0, 2 * p.crimp_centre)
     half = (span[1] - span[0]) / 2
     offset = p.crimp_radius if p.convex else -math.sqrt(p.crimp_radius**2 - half**2)
@@ -173,7 +189,7 @@ def _crimp(plan: Plan, top: float, bottom: float) -> dict[str, float | int | str
     side = "out" if p.convex else "in"
     return {
         "crimp_radius_um": p.crimp_radius,
-        "crimp_centre_x_um": p.crimp_centre,
+        "crimp_centre_y_um" if plan.level == "section" else "crimp_centre_x_um": p.crimp_centre,
         "top_cylinder_z_um": top_z,
         "top_cylinder_side": side,
         "bottom_cylinder_z_um": bottom_z,

@@ -13,7 +13,7 @@ from cgfibre.engine.assemble import platen_heights
 from cgfibre.engine.dump import RawRecord, iterate_frames, read_record
 from cgfibre.engine.mirror import moved_beads, whole_of
 from cgfibre.plan.model import Plan
-from cgfibre.record import Curve, Frames
+from cgfibre.record import Curve, Frames, phases
 
 JOULE = 1e-15  # of nN um
 NEWTON = 1e-9
@@ -30,13 +30,6 @@ class Extremes:
     z_hi: FloatArray
     turn: FloatArray
     displacement: FloatArray
-
-
-def phases(displacement: FloatArray) -> np.ndarray:
-    """(n,) 0 loading, 1 holding, 2 unloading, from the means of the platen's displacement over the windows."""
-    change = np.diff(displacement, prepend=0.0)
-    tiny = 1e-9 * max(1.0, float(np.max(np.abs(displacement), initial=0.0)))
-    return np.where(change > tiny, 0, np.where(change < -tiny, 2, 1)).astype(np.int64)
 
 
 def _with_start(start: float, values: FloatArray) -> FloatArray:
@@ -67,7 +60,7 @@ def curve_of(raw: RawRecord, system: FilamentSystem, plan: Plan) -> Curve:
     step = _with_start(0.0, raw.step.astype(float))
     columns = {
         "step": step,
-        "time_us": step * plan.timestep,
+        "time_us": _with_start(0.0, raw.state["time"]) if "time" in raw.state else step * plan.timestep,
         "displacement_um": d,
         "thickness_um": thickness,
         "force_top_N": force * NEWTON,
@@ -78,9 +71,9 @@ def curve_of(raw: RawRecord, system: FilamentSystem, plan: Plan) -> Curve:
         "stored_J": _with_start(0.0, stored) * JOULE,
         "work_J": np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(d))]) * JOULE,
     }
-    phase = phases(d)
-    phase[0] = 0
-    return Curve(columns, phase, width)
+    phase = _with_start(0.0, m["phase"] if "phase" in m else phases(m["displacement"]).astype(float))
+    cycle = _with_start(1.0, m["leg"] if "leg" in m else np.ones(len(m["displacement"])))
+    return Curve(columns, np.rint(phase).astype(np.int64), width, np.rint(cycle).astype(np.int64))
 
 
 def extremes_of(raw: RawRecord) -> Extremes:
@@ -89,19 +82,20 @@ def extremes_of(raw: RawRecord) -> Extremes:
     return Extremes(s["closest"], s["z_lo"], s["z_hi"], s["turn"], s["displacement"])
 
 
-def displacement_at(plan: Plan, step: np.ndarray, stop_step: int) -> FloatArray:
-    """Platen displacement at each step, um: the film of motion.inc with the stop at ``stop_step``."""
+def displacement_at(plan: Plan, step: np.ndarray) -> FloatArray:
+    """Platen displacement at each step of the first loading, um: the law of motion.inc."""
     m = plan.motion
-    release = stop_step + m.hold_steps
-    film = np.where(step < stop_step, step, np.where(step < release, stop_step, stop_step + release - step))
-    t = film * plan.timestep
+    t = step * plan.timestep
     growth_time = m.growth / m.first * math.log(m.last / m.first)
     growing = m.growth * np.expm1(np.minimum(t, growth_time) * m.first / m.growth)
     return np.where(t < growth_time, growing, m.growth * (m.last / m.first - 1) + m.last * (t - growth_time))
 
 
-def frames_of(folder: Path, system: FilamentSystem, plan: Plan, stop_step: int) -> Frames:
-    """Frames of a deck's folder, of equal steps the last, in rising order; a frame cut short at the end is dropped."""
+def frames_of(folder: Path, system: FilamentSystem, plan: Plan, raw: RawRecord) -> Frames:
+    """Frames of a deck's folder, of equal steps the last, in rising order; a frame cut short at the end is dropped.
+
+    Frames lie on the record's steps, where it has the displacement.
+    """
     found: dict[int, FloatArray] = {}
     for step, positions in iterate_frames(folder / "trajectory.lammpstrj", moved_beads(system, plan)):
         if plan.level == "section":
@@ -110,18 +104,13 @@ def frames_of(folder: Path, system: FilamentSystem, plan: Plan, stop_step: int) 
         found[step] = whole_of(positions, system, plan)
     steps = np.array(sorted(found), dtype=np.int64)
     stacked = np.stack([found[s] for s in steps.tolist()]) if found else np.empty((0, system.n_beads, 3))
-    return Frames(steps, displacement_at(plan, steps, stop_step), stacked)
-
-
-def stop_step_of(raw: RawRecord, plan: Plan) -> int:
-    """Step at which loading ended: where the record's displacement turns; the planned one while still loading."""
-    phase = phases(raw.mean["displacement"])
-    if len(phase) and np.any(phase > 0):
-        return int(raw.step[int(np.argmax(phase > 0)) - 1])
-    return plan.motion.load_steps
+    displacement = np.interp(
+        steps, _with_start(0.0, raw.step.astype(float)), _with_start(0.0, raw.state["displacement"])
+    )
+    return Frames(steps, displacement, stacked)
 
 
 def read_run(folder: Path, system: FilamentSystem, plan: Plan) -> tuple[Curve, Frames, Extremes]:
     """Curve, frames and extremes of a deck's folder, finished or not."""
     raw = read_record(folder)
-    return curve_of(raw, system, plan), frames_of(folder, system, plan, stop_step_of(raw, plan)), extremes_of(raw)
+    return curve_of(raw, system, plan), frames_of(folder, system, plan, raw), extremes_of(raw)

@@ -26,9 +26,24 @@ RECORD_COLUMNS = (
     "width",
     "pressure",
     "end_path",
+    "leg",
+    "phase",
 )
-EXTREME_COLUMNS = ("step", "displacement", "y_lo", "y_hi", "z_lo", "z_hi", "closest", "turn", "stored", "end_path")
-
+EXTREME_COLUMNS = (
+    "step",
+    "displacement",
+    "y_lo",
+    "y_hi",
+    "z_lo",
+    "z_hi",
+    "closest",
+    "turn",
+    "stored",
+    "end_path",
+    "time",
+)
+#: number of columns before decks had legs
+OLD_RECORD_COLUMNS, OLD_EXTREME_COLUMNS = 9, 10
 
 FRAME = b"ITEM: TIMESTEP\n"
 
@@ -56,7 +71,6 @@ class State:
     checkpoint: str
     phase: int
     step: int
-    stopped_at: int
 
 
 def _table(path: Path, columns: int) -> FloatArray:
@@ -70,6 +84,13 @@ def _table(path: Path, columns: int) -> FloatArray:
     # of rows with the same step the last one wins: a resumed run computed it again
     _, last = np.unique(data[::-1, 0], return_index=True)
     return data[::-1][last]
+
+
+def _newest_table(path: Path, columns: tuple[str, ...], old: int) -> FloatArray:
+    """Rows with all ``columns``, or else those with the first ``old`` of them."""
+    table = _table(path, len(columns))
+    earlier = table if len(table) else _table(path, old)
+    return earlier if len(earlier) else table
 
 
 def last_row(path: Path) -> list[float] | None:
@@ -90,17 +111,22 @@ def last_row(path: Path) -> list[float] | None:
 
 
 def read_record(folder: Path) -> RawRecord:
-    """The record of a deck's folder; empty arrays when nothing was written yet."""
-    mean = _table(folder / "record.txt", len(RECORD_COLUMNS))
-    state = _table(folder / "extremes.txt", len(EXTREME_COLUMNS))
+    """The record of a deck's folder; empty arrays when nothing was written yet.
+
+    ``leg``, ``phase`` and ``time`` are not there where an earlier version wrote the deck.
+    """
+    mean = _newest_table(folder / "record.txt", RECORD_COLUMNS, OLD_RECORD_COLUMNS)
+    state = _newest_table(folder / "extremes.txt", EXTREME_COLUMNS, OLD_EXTREME_COLUMNS)
     start = state[state[:, 0] == 0]
     _, i, j = np.intersect1d(mean[:, 0], state[:, 0], return_indices=True)
     mean, state = mean[i], state[j]
     return RawRecord(
         step=mean[:, 0].astype(np.int64),
-        mean={name: mean[:, k] for k, name in enumerate(RECORD_COLUMNS) if k},
-        state={name: state[:, k] for k, name in enumerate(EXTREME_COLUMNS) if k},
-        start={name: float(start[0, k]) for k, name in enumerate(EXTREME_COLUMNS) if k} if len(start) else {},
+        mean={name: mean[:, k] for k, name in enumerate(RECORD_COLUMNS[: mean.shape[1]]) if k},
+        state={name: state[:, k] for k, name in enumerate(EXTREME_COLUMNS[: state.shape[1]]) if k},
+        start={name: float(start[0, k]) for k, name in enumerate(EXTREME_COLUMNS[: state.shape[1]]) if k}
+        if len(start)
+        else {},
     )
 
 
@@ -171,7 +197,6 @@ def read_states(folder: Path) -> list[State]:
                     values["checkpoint"],
                     int(float(values["phase_at"])),
                     int(float(values["step_at"])),
-                    int(float(values["stopped_at"])),
                 )
             )
     return sorted(states, key=lambda s: s.step, reverse=True)

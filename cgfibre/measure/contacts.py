@@ -149,6 +149,7 @@ class CylinderPlaten:
     """Gap function of a crimped platen: a cylinder of ``radius`` um about the axis (``x``, ``z``) that runs along y.
 
     ``convex``: filaments lie outside the cylinder, else inside. ``span``: beads beside it have the gap inf.
+    ``across``: the axis runs along x instead, through (y, z) with y the value of ``x``.
     """
 
     x: float
@@ -156,10 +157,11 @@ class CylinderPlaten:
     radius: float
     convex: bool
     span: tuple[float, float] = (-np.inf, np.inf)
+    across: bool = False
 
     def __call__(self, positions: FloatArray) -> FloatArray:
         """(n,) distance from each of the (n, 3) positions to the surface, um; negative behind it, inf beside it."""
-        from_axis = np.hypot(positions[:, 0] - self.x, positions[:, 2] - self.z)
+        from_axis = np.hypot(positions[:, 1 if self.across else 0] - self.x, positions[:, 2] - self.z)
         gap = from_axis - self.radius if self.convex else self.radius - from_axis
         beside = (positions[:, 0] < self.span[0]) | (positions[:, 0] > self.span[1])
         return np.where(beside, np.inf, gap)

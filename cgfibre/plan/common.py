@@ -45,12 +45,15 @@ def common_omissions(scene: Scene, level: str, shape: str = "beads") -> list[Omi
     return left
 
 
-def platens(scene: Scene, contact: ContactPlan, contact_length: float, edges: bool) -> Platens:
-    """Platens of the scene with the contact's stiffness; ``edges``: they end along x."""
+def platens(
+    scene: Scene, contact: ContactPlan, contact_length: float, edges: bool, across: tuple[float, float] | None = None
+) -> Platens:
+    """Platens of the scene with the contact's stiffness; ``edges``: they end along x; ``across``: crimped ones are
+    curved between these y (um), not along x."""
     p, length = scene.platens, scene.bundle.length
+    lo, hi = platen_span(scene) if across is None else across
     radius = 0.0
     if p.shape == "crimped" and p.crimp_angle is not None:
-        lo, hi = platen_span(scene)
         radius = (hi - lo) / 2 / math.sin(p.crimp_angle)
     return Platens(
         shape=p.shape,
@@ -62,7 +65,7 @@ def platens(scene: Scene, contact: ContactPlan, contact_length: float, edges: bo
         bottom_span=bottom_span(scene) if edges and bottom_span(scene) != (0.0, length) else None,
         contact_length=contact_length,
         crimp_radius=radius,
-        crimp_centre=length / 2,
+        crimp_centre=(lo + hi) / 2,
         convex=p.curvature == "convex",
         bottom_crimped=p.crimp_side == "both",
         modulus=contact.wall_modulus,

@@ -30,5 +30,4 @@ START = 0.3  # seconds to start the engine and read the assembly
 def predicted_seconds(level: str, n_beads: int, motion: Motion, sampling: Sampling) -> float:
     """Engine seconds on one core; a stop by force or pressure comes earlier."""
     cost = COSTS[level]
-    steps = motion.load_steps * (2 if motion.unload else 1) + motion.hold_steps
-    return START + (cost.step + cost.bead * n_beads + cost.block / sampling.block) * steps
+    return START + (cost.step + cost.bead * n_beads + cost.block / sampling.block) * motion.planned_steps

@@ -284,7 +284,7 @@ def plan_filaments(scene: Scene, out: Outline, level: str, choices: list[Choice]
         bends=far == "none",
         gain=ROD_GAIN if level == "rod" else CAPSULE_GAIN if capsule else SPEED_GAIN,
     )
-    motion, sampling, motion_choices = plan_motion(scene, bodies, timestep, out.displacement)
+    motion, sampling, motion_choices = plan_motion(scene, bodies, timestep, out.displacement, out.earlier, hi - lo)
     choices += motion_choices
     omissions = common_omissions(scene, level, shape.value)
     if far == "condensed":

@@ -46,11 +46,26 @@ def _placing(scene: Scene, out: Outline) -> list[Choice]:
     return [Choice("centres", f"{len(asked)} from the file", f"{reason}: the least that clears all overlaps")]
 
 
+def other_shape(scene: Scene, planned: str, level: str) -> InputError | None:
+    """Why a scene planned at one level is another experiment at ``level``: crimped platens are curved along the
+    filaments, in a section across them. None where it is the same."""
+    if scene.platens.shape != "crimped" or (planned == "section") == (level == "section"):
+        return None
+    way = "across" if planned == "section" else "along"
+    return InputError(
+        "platens.shape", "crimped", f"'flat' at level {level}: here platens are curved {way} the filaments"
+    )
+
+
 def other_levels(scene: Scene, plan: Plan) -> dict[str, Plan | InputError]:
     """What the scene would be at every other level: its plan, or why it cannot be."""
     found: dict[str, Plan | InputError] = {}
     for level in PLANNERS:
         if level == plan.level:
+            continue
+        refused = other_shape(scene, plan.level, level)
+        if refused is not None:
+            found[level] = refused
             continue
         asked = scene.model_dump(exclude_none=True)
         asked["model"]["level"] = level

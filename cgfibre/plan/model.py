@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,7 +81,7 @@ class Woven:
     fibres um3, whether it is ``periodic``, whether its tows are free of stress as built (``at_rest``).
 
     In the plane, over ``preparation`` steps before the platens move or (0) while they do: ``strain`` (x, y),
-    ``tension`` (x, y) nN on the whole cell, ``shear`` rad. ``skin`` um: how far beads go before neighbours are looked for
+    ``tension`` (x, y) nN on the whole cell, ``shear`` rad. ``skin`` um: how far beads go before neighbours are found
     anew; ``end_stiffness`` nN/um of a patch's ends; ``asked_spacing`` um that the builder was given.
     """
 
@@ -134,7 +134,11 @@ class Contact:
 @dataclass(frozen=True)
 class Platens:
     """Platens: stiffness and damping a bead (capsules: per length of contact, with the softened E* of the line contact
-    as ``modulus``), friction, and the spans along x of the top and the bottom one, um (None: no edge)."""
+    as ``modulus``), friction, and the spans along x of the top and the bottom one, um (None: no edge).
+
+    Crimped ones are cylinders: the axis lies across the filaments at x = ``crimp_centre``, of a section along them at
+    y = ``crimp_centre`` (um).
+    """
 
     shape: str
     kn: float
@@ -152,10 +156,29 @@ class Platens:
 
 
 @dataclass(frozen=True)
+class Target:
+    """Where a loading ends: the displacement planned, um, or earlier at a force (nN) or pressure (kPa; inf: none)."""
+
+    displacement: float
+    force: float = math.inf
+    pressure: float = math.inf
+
+
+def film_time(first: float, last: float, growth: float, displacement: float) -> float:
+    """Time to a displacement, us: v = first (1 + d/growth) up to ``last``; the inverse of the deck's motion.inc."""
+    end = growth * (last / first - 1)
+    if displacement <= end:
+        return growth / first * math.log1p(displacement / growth)
+    return growth / first * math.log(last / first) + (displacement - end) / last
+
+
+@dataclass(frozen=True)
 class Motion:
     """Platen motion: speeds in um/us, growth length um, phases in steps, earlier stops (inf: none).
 
-    v(d) = first (1 + d/growth) until ``last``; unloading runs the same film backwards. At speed v forces above
+    v(d) = first (1 + d/growth) until ``last``; unloading runs the same film backwards. ``cycles`` are the targets of
+    loadings before the last one; each is followed by unloading, till the platen feels nothing, and by the next loading
+    from there, with d counted from there. ``load_steps`` are those of the first loading. At speed v forces above
     ``quasi_static_impedance`` (nN us/um) times v are within the accuracy asked for. ``eps`` is the accuracy that the
     bound of the speed was taken for. ``fastest`` is the highest speed, at the stop, that a bundle bending between its
     supports allows (inf where other forces count). ``pace`` is the mean over displacements of the speed over what the
@@ -175,6 +198,35 @@ class Motion:
     eps: float
     fastest: float
     pace: float = math.nan
+    cycles: tuple[Target, ...] = ()
+
+    @property
+    def targets(self) -> tuple[Target, ...]:
+        """Where each loading ends, the last one at the scene's stop."""
+        return (*self.cycles, Target(self.planned_displacement, self.stop_force, self.stop_pressure))
+
+    @property
+    def planned_steps(self) -> int:
+        """Steps of all phases if no stop comes earlier and the assembly springs back whole."""
+        per_time = self.load_steps / self._time(self.targets[0].displacement)
+        loads = [self.load_steps, *(math.ceil(per_time * self._time(t.displacement)) for t in self.targets[1:])]
+        return sum(loads) + sum(loads[:-1]) + (loads[-1] if self.unload else 0) + self.hold_steps
+
+    def _time(self, displacement: float) -> float:
+        return film_time(self.first, self.last, self.growth, displacement)
+
+    def first_loading(self) -> Motion:
+        """The first loading alone: no cycle, hold or unloading."""
+        first = self.targets[0]
+        return replace(
+            self,
+            cycles=(),
+            hold_steps=0,
+            unload=False,
+            planned_displacement=first.displacement,
+            stop_force=first.force,
+            stop_pressure=first.pressure,
+        )
 
     def quasi_static_force(self, displacement: FloatArray) -> FloatArray:
         """Force at each displacement from which on the motion is quasi-static, nN."""
@@ -239,4 +291,4 @@ class Plan:
     @property
     def planned_steps(self) -> int:
         """Steps of all phases if no stop comes earlier."""
-        return self.motion.load_steps * (2 if self.motion.unload else 1) + self.motion.hold_steps
+        return self.motion.planned_steps

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cgfibre.build.system import FloatArray
 from cgfibre.errors import InputError
 from cgfibre.mechanics.support import bundle_bending_force, quasi_static_speed
-from cgfibre.plan.model import Choice, Motion, Sampling
-from cgfibre.scene import Scene
+from cgfibre.plan.model import Choice, Motion, Sampling, Target, film_time
+from cgfibre.scene import Scene, Stop
 
 #: the displacement over diameter from which on the accuracy asked for shall hold
 REFERENCE_DISPLACEMENT = 2 / 7
@@ -35,20 +36,15 @@ BLOCK = 300  # least steps in a block: to begin one costs as much as some ten st
 DENSEST = math.pi / (2 * math.sqrt(3))  # hexagonal packing of touching circles
 
 
-def film_time(first: float, last: float, growth: float, displacement: float) -> float:
-    """Time to a displacement, us: v = first (1 + d/growth) up to ``last``; the inverse of the deck's motion.inc."""
-    end = growth * (last / first - 1)
-    if displacement <= end:
-        return growth / first * math.log1p(displacement / growth)
-    return growth / first * math.log(last / first) + (displacement - end) / last
-
-
-def planned_displacement(scene: Scene, height: float, width: float, n_filaments: int) -> float:
-    """Displacement at the planned stop, um; for a stop by force or pressure the deepest that makes sense.
+def planned_displacement(
+    scene: Scene, height: float, width: float, n_filaments: int, key: str = "platens.stop", stop: Stop | None = None
+) -> float:
+    """Displacement at the planned stop (or at another one, of that ``key``), um; for a stop by force or pressure the
+    deepest that makes sense.
 
     Raises InputError when the stop lies beyond what the assembly can give: one flat layer of filaments.
     """
-    stop = scene.platens.stop
+    stop = scene.platens.stop if stop is None else stop
     d = scene.filament.diameter
     # the assembly may spread to one flat layer, so only that is impossible
     thinnest = d if n_filaments > 1 else d / 2  # one filament alone is dented
@@ -56,7 +52,7 @@ def planned_displacement(scene: Scene, height: float, width: float, n_filaments:
     if stop.displacement is not None:
         if stop.displacement >= deepest:
             raise InputError(
-                "platens.stop.displacement",
+                f"{key}.displacement",
                 f"{stop.displacement:g} um",
                 f"less than {deepest:.4g} um: the assembly is {height:.4g} um high and no thinner than {thinnest:g} um",
             )
@@ -64,7 +60,7 @@ def planned_displacement(scene: Scene, height: float, width: float, n_filaments:
     if stop.thickness is not None:
         if not thinnest < stop.thickness < height:
             raise InputError(
-                "platens.stop.thickness",
+                f"{key}.thickness",
                 f"{stop.thickness:g} um",
                 f"between {thinnest:g} um and the height as built ({height:.4g} um)",
             )
@@ -74,7 +70,7 @@ def planned_displacement(scene: Scene, height: float, width: float, n_filaments:
     depth = min(deepest, height - solid)
     if depth < 1e-3 * d:
         expected = f"an assembly of more than one layer: this one is {height:.4g} um high, as thin as {thinnest:g} um"
-        raise InputError(f"platens.stop.{stop.kind}", stop.value, expected)
+        raise InputError(f"{key}.{stop.kind}", stop.value, expected)
     return depth
 
 
@@ -148,10 +144,45 @@ def choose_speed(bodies: Bodies, diameter: float, accuracy: float, deepest: floa
     return first, last, growth
 
 
+def earlier_displacements(
+    scene: Scene, height: float, width: float, n_filaments: int, displacement: float
+) -> tuple[float, ...]:
+    """Displacements of platens.cycles, um, as in :func:`planned_displacement`; those by force or pressure go no deeper
+    than the main stop's ``displacement``."""
+    found: list[float] = []
+    for i, cycle in enumerate(scene.platens.cycles):
+        depth = planned_displacement(scene, height, width, n_filaments, f"platens.cycles.{i}", cycle)
+        by_place = cycle.kind in ("displacement", "thickness")
+        found += cycle.times * [depth if by_place else min(depth, displacement)]
+    return tuple(found)
+
+
+def target(stop: Stop, displacement: float, contact_length: float) -> Target:
+    """The stop in the deck's terms; a force per length is one over the platen's ``contact_length`` um."""
+    force = stop.force
+    if stop.line_force is not None:
+        force = stop.line_force * contact_length
+    return Target(
+        displacement,
+        math.inf if force is None else force,
+        math.inf if stop.pressure is None else stop.pressure,
+    )
+
+
 def plan_motion(
-    scene: Scene, bodies: Bodies, timestep: float, displacement: float
+    scene: Scene,
+    bodies: Bodies,
+    timestep: float,
+    displacement: float,
+    earlier: Sequence[float] = (),
+    contact_length: float = math.nan,
 ) -> tuple[Motion, Sampling, list[Choice]]:
-    """Speeds, phases and sampling of the platen's motion to ``displacement`` um."""
+    """Speeds, phases and sampling of the platen's motion to ``displacement`` um, after cycles to the ``earlier`` ones.
+
+    ``contact_length`` um of the platen along the filaments, for stops by force per length.
+    """
+    stops = [cycle for cycle in scene.platens.cycles for _ in range(cycle.times)]
+    cycles = tuple(target(s, d, contact_length) for s, d in zip(stops, earlier, strict=True))
     choices = []
     d = scene.filament.diameter
     eps = bodies.gain * scene.model.accuracy
@@ -188,36 +219,65 @@ def plan_motion(
             "v sqrt(kn m)/eps or v k/(omega eps): below it inertia is more than the accuracy asked for",
         )
     )
-    unload = scene.platens.unload
-    phases = 2 if unload else 1
-    total = film_time(first, last, growth, displacement) / timestep
-    every = max(1, round(total * phases / scene.output.samples / READINGS))
-    sample = every * READINGS
-    load_steps = max(sample, math.ceil(total / sample) * sample)
-    # a little slower, so that the last whole window ends at the planned displacement itself
-    first, last = first * total / load_steps, last * total / load_steps
-    hold = math.ceil(scene.platens.hold / timestep / sample) * sample
-    planned = load_steps * phases + hold
-    frame = max(1, round(planned / scene.output.frames / sample)) * sample
-    checkpoint = max(1, round(planned / CHECKPOINTS / frame)) * frame
-    stop = scene.platens.stop
+    if cycles:
+        choices.append(
+            Choice(
+                "cycles",
+                f"{len(cycles)} before the last loading",
+                "unloaded till the platen feels nothing, then loaded from there as the first time: slow, then faster",
+            )
+        )
+    main = target(scene.platens.stop, displacement, contact_length)
     motion = Motion(
         first=first,
         last=last,
         growth=growth,
-        load_steps=load_steps,
-        hold_steps=hold,
-        unload=unload,
-        stop_force=stop.force if stop.force is not None else math.inf,
-        stop_pressure=stop.pressure if stop.pressure is not None else math.inf,
+        load_steps=0,
+        hold_steps=0,
+        unload=scene.platens.unload,
+        stop_force=main.force,
+        stop_pressure=main.pressure,
         planned_displacement=displacement,
         quasi_static_impedance=least,
         eps=eps,
         fastest=fastest if bodies.bends else math.inf,
-        pace=_pace((first, last, growth), allowed, d, displacement) if bodies.bends else math.nan,
+        cycles=cycles,
     )
+    motion, sampling = in_steps(scene, motion, timestep)
+    if bodies.bends:
+        pace = _pace((motion.first, motion.last, growth), allowed, d, displacement)
+        motion = replace(motion, pace=pace)
+    return motion, sampling, choices
+
+
+def in_steps(scene: Scene, motion: Motion, timestep: float) -> tuple[Motion, Sampling]:
+    """A motion whose speeds are known, with the steps of its phases, and its sampling.
+
+    A little slower than asked, so that the last whole window of the first loading ends at its planned displacement
+    itself (those of later loadings: the deck).
+    """
+    phases = 2 * len(motion.cycles) + (2 if motion.unload else 1)
+
+    def steps(displacement: float) -> float:
+        return film_time(motion.first, motion.last, motion.growth, displacement) / timestep
+
+    total, whole = steps(motion.targets[0].displacement), steps(motion.planned_displacement)
+    every = max(1, round((total + (phases - 1) * whole) / scene.output.samples / READINGS))
+    sample = every * READINGS
+    load_steps = max(sample, math.ceil(total / sample) * sample)
+    slower = total / load_steps
+    motion = replace(
+        motion,
+        first=motion.first * slower,
+        last=motion.last * slower,
+        load_steps=load_steps,
+        hold_steps=math.ceil(scene.platens.hold / timestep / sample) * sample,
+    )
+    planned = motion.planned_steps
+    frame = max(1, round(planned / scene.output.frames / sample)) * sample
+    checkpoint = max(1, round(planned / CHECKPOINTS / frame)) * frame
     block = math.ceil(BLOCK / sample) * sample
-    return motion, Sampling(sample, every, frame, checkpoint, block), choices
+    return motion, Sampling(sample, every, frame, checkpoint, block)
 
 
 def _pace(

@@ -12,7 +12,7 @@ from cgfibre.build.packing import HEXAGONAL_LIMIT, ArrangementSpec, arrange, enc
 from cgfibre.build.system import FilamentType, FloatArray
 from cgfibre.mechanics import rod
 from cgfibre.mechanics.support import bundle_bending_force
-from cgfibre.plan.motion import LATE, depths_below_top, planned_displacement
+from cgfibre.plan.motion import LATE, depths_below_top, earlier_displacements, planned_displacement
 from cgfibre.scene import Scene
 
 SHEAR = 0.9  # Timoshenko coefficient of a solid circle
@@ -20,7 +20,8 @@ SHEAR = 0.9  # Timoshenko coefficient of a solid circle
 
 @dataclass(frozen=True)
 class Outline:
-    """The section as arranged, (n, 2) ``centres`` um, the filament's constants, and the planned ``displacement`` um."""
+    """The section as arranged, (n, 2) ``centres`` um, the filament's constants, the planned ``displacement`` um, and
+    those of cycles before it."""
 
     filament: FilamentType
     centres: FloatArray
@@ -28,6 +29,7 @@ class Outline:
     width: float
     height: float
     displacement: float
+    earlier: tuple[float, ...] = ()
 
     def bending_force(self, scene: Scene, displacement: float) -> float:
         """Force on a platen that bends the filaments between their end supports, nN; rows join in as voids close."""
@@ -99,4 +101,5 @@ def outline(scene: Scene) -> Outline:
         pitch = spec.pitch or pitch_from_void_fraction(d, 1 - float(spec.volume_fraction or 0.69))
     width, height = (float(np.ptp(centres[:, k])) + d for k in (0, 1))
     depth = planned_displacement(scene, height, width, len(centres))
-    return Outline(scene_filament(scene), centres, max(pitch, d), width, height, depth)
+    earlier = earlier_displacements(scene, height, width, len(centres), depth)
+    return Outline(scene_filament(scene), centres, max(pitch, d), width, height, depth, earlier)

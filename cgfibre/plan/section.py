@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 
+from cgfibre.errors import InputError
 from cgfibre.mechanics import rod, support
 from cgfibre.plan.common import checked_step, common_omissions, friction, platens
 from cgfibre.plan.contact import OVERLAP_LIMIT, plan_contact
 from cgfibre.plan.cost import predicted_seconds
 from cgfibre.plan.filaments import DRAG
 from cgfibre.plan.level import nothing_varies
-from cgfibre.plan.model import Beads, Choice, Omission, Plan
+from cgfibre.plan.model import Beads, Choice, Omission, Plan, Platens
 from cgfibre.plan.motion import Bodies, depths_below_top, loose, plan_motion
 from cgfibre.plan.outline import Outline
 from cgfibre.plan.promise import promise
-from cgfibre.scene import Scene
+from cgfibre.plan.section_platens import middle_gap
+from cgfibre.scene import Scene, Stop
 
 DISC_INERTIA = 0.125  # of m D^2
 #: a disc's contacts alone set its step: softened, it is longer and the platen faster
@@ -86,7 +91,11 @@ def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) 
     bodies = Bodies(
         depths_below_top(out.centres), out.pitch, stiffness, frequency, contact.tangent_kn, mass, len(out.centres)
     )
-    motion, sampling, motion_choices = plan_motion(scene, bodies, timestep, out.displacement)
+    platen = platens(scene, contact, depth, edges=False, across=_curved(scene, out))
+    if scene.platens.shape == "crimped":
+        choices.append(_crimp(scene, platen))
+        out = _from_crimped(scene, out, platen)
+    motion, sampling, motion_choices = plan_motion(scene, bodies, timestep, out.displacement, out.earlier, depth)
     choices += motion_choices
     beads = Beads(
         stations=np.zeros(1),
@@ -134,7 +143,7 @@ def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) 
         turning_drag=drag * inertia,
         torsion="none",
         contact=contact.pair,
-        platens=platens(scene, contact, depth, edges=False),
+        platens=platen,
         motion=motion,
         sampling=sampling,
         predicted_seconds=predicted_seconds(level, n, motion, sampling),
@@ -143,6 +152,51 @@ def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) 
         promise=promise(scene, out, level, 0.0, float(softening.value), motion),
         depth=depth,
         springs=(k, turn),
+    )
+
+
+def _curved(scene: Scene, out: Outline) -> tuple[float, float]:
+    """y over which crimped platens are curved, um: the assembly's width as built unless the scene says otherwise."""
+    y = out.centres[:, 0]
+    asked = scene.platens.crimp_width
+    width = out.width if asked == "auto" else float(asked)
+    middle = float(y.min() + y.max()) / 2
+    return middle - width / 2, middle + width / 2
+
+
+def _crimp(scene: Scene, platen: Platens) -> Choice:
+    angle = scene.platens.crimp_angle or 0.0
+    half = platen.crimp_radius * math.sin(angle)
+    return Choice(
+        "crimped platens",
+        f"{'convex' if platen.convex else 'concave'}, R = {platen.crimp_radius:.4g} um"
+        + ("" if platen.bottom_crimped else ", the bottom one flat"),
+        f"curved across the section: they lean by {math.degrees(angle):.3g} deg {half:.4g} um from the middle, as a "
+        "crossing tow does; the thickness is that at the middle",
+    )
+
+
+def _from_crimped(scene: Scene, out: Outline, platen: Platens) -> Outline:
+    """The outline with stops by thickness counted from the gap at the middle, where curved platens first touch."""
+    gap = middle_gap(platen, out.centres, out.filament.diameter / 2)
+    if not math.isfinite(gap):
+        angle = scene.platens.crimp_angle or 0.0
+        raise InputError(
+            "platens.crimp_width",
+            f"{2 * platen.crimp_radius * math.sin(angle):.4g} um",
+            f"more than {math.sin(angle) * out.width:.4g} um: the assembly, {out.width:.4g} um wide, reaches beyond "
+            "the platens' cylinders",
+        )
+    more = gap - out.height
+    stops = [cycle for cycle in scene.platens.cycles for _ in range(cycle.times)]
+
+    def moved(stop: Stop, depth: float) -> float:
+        return depth + more if stop.kind == "thickness" else depth
+
+    return replace(
+        out,
+        displacement=moved(scene.platens.stop, out.displacement),
+        earlier=tuple(moved(s, d) for s, d in zip(stops, out.earlier, strict=True)),
     )
 
 

@@ -11,7 +11,7 @@ from cgfibre.build.curves import MigrationSpec
 from cgfibre.build.system import FilamentSystem
 from cgfibre.plan.model import Plan
 from cgfibre.plan.outline import arrangement_spec, scene_filament
-from cgfibre.plan.tows import tow_level
+from cgfibre.plan.tows import woven_system
 from cgfibre.scene import Scene
 
 
@@ -21,7 +21,7 @@ def build_system(scene: Scene, plan: Plan) -> FilamentSystem:
     A periodic cell (symmetry ends) closes every filament on itself, with the box one cell long.
     """
     if plan.woven is not None:
-        return tow_level(scene, plan.woven.asked_spacing)
+        return woven_system(scene, plan.woven.resolve, plan.woven.asked_spacing)
     a = scene.bundle
     rng = np.random.default_rng(a.seed)
     spec = BundleSpec(

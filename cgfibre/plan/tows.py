@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cgfibre.build.system import FilamentSystem, FilamentType
-from cgfibre.build.weave import TowShape, WeaveSpec, ribbon_system, tow_system, weave_paths
+from cgfibre.build.weave import TowShape, WeaveSpec, filament_system, ribbon_system, tow_system, weave_paths
 from cgfibre.plan.outline import scene_filament
 from cgfibre.scene import Scene
 from cgfibre.scene_assembly import Tow, Weave
@@ -116,3 +116,22 @@ def greatest_curvature(scene: Scene) -> float:
         tangent = np.column_stack([np.interp(s, path.arc, path.tangent[:, k]) for k in range(3)])
         found = max(found, float(np.max(np.linalg.norm(np.diff(tangent, axis=0), axis=1), initial=0.0)) / window)
     return found
+
+
+def filament_level(scene: Scene, spacing: float) -> FilamentSystem:
+    """The weave filament by filament."""
+    w, f = scene.weave, scene_filament(scene)
+    return filament_system(
+        weave_spec(w),
+        f,
+        (w.tow.filaments or 1, w.weft.filaments or 1),
+        spacing,
+        w.tow.packing,
+        w.tow.twist if w.tow.twist_direction == "Z" else -w.tow.twist,
+        seed=w.seed,
+    )
+
+
+def woven_system(scene: Scene, resolve: str, spacing: float) -> FilamentSystem:
+    """The weave as chains of its tows or of its filaments."""
+    return tow_level(scene, spacing) if resolve == "tow" else filament_level(scene, spacing)
