@@ -96,6 +96,32 @@ THESIS_LAW = EmpiricalLaw()
 
 
 @dataclass(frozen=True)
+class FrictionPower:
+    """Thickness of a section of filaments under a force per width: t = c P^(a mu - b) (thesis Eqs 7-6).
+
+    t and c in mm, P in N/mm, mu the friction between filaments (a = 0: none felt). P = 1 N/mm gives c whatever mu is.
+    """
+
+    c: float
+    a: float
+    b: float
+
+    def __post_init__(self) -> None:
+        positive("c", self.c)
+        finite("a", self.a)
+        finite("b", self.b)
+
+    def thickness(self, load: npt.ArrayLike, friction: npt.ArrayLike) -> FloatArray:
+        """Thickness at a load (N/mm) and a friction coefficient, mm."""
+        exponent = self.a * non_negative("friction", friction) - self.b
+        return np.asarray(self.c * positive("load", load) ** exponent)
+
+
+#: the thesis' fits for dry filaments (mu 0.20..0.48) and wet ones (0.02..0.18), 127 in a circle
+THESIS_DRY, THESIS_WET = FrictionPower(0.08, 0.12, 0.21), FrictionPower(0.08, 0.0, 0.22)
+
+
+@dataclass(frozen=True)
 class FibreBed:
     """Pressure of a bed of fibres from its volume fraction: p = k (Vf^n - V0^n), MPa.
 
