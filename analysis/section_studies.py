@@ -1,9 +1,9 @@
-"""docs/sections.md and docs/figures/section-*.png: the studies of section 7.5 of the thesis, by `cgfibre study`.
+"""The studies in docs/sections.md and docs/figures/section-*.png: section 7.5 of the thesis, by `cgfibre study`.
 
 python analysis/section_studies.py [STUDY ...] [--runs FOLDER] [--jobs N] [--full]
 
 Without --full some studies have fewer cases and starts than their file (QUICK), as on the page. A study that was
-stopped goes on; its runs lie in FOLDER/STUDY [results/studies].
+stopped goes on; its runs lie in FOLDER/STUDY [results/studies]. A study writes its own section and leaves the others.
 """
 
 from __future__ import annotations
@@ -20,17 +20,18 @@ from cgfibre.study.run import Found, StudyOptions, run_study
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "sections.md"
 FIGURES = ROOT / "docs" / "figures"
-NOTES = ROOT / "analysis" / "section_studies.md"
+#: where the sections of the studies begin; what stands before is written by hand
+MARK = "<!-- studies: written by analysis/section_studies.py -->\n"
 
 #: study -> (starts, cases; none: all)
 QUICK: dict[str, tuple[int, tuple[str, ...]]] = {
     "start-point": (1, ()),
-    "filament-count": (1, ()),
-    "arrangement": (2, ()),
+    "filament-count": (1, ("127", "169", "331")),
+    "arrangement": (1, ()),
     "friction-dry": (2, ("0.2", "0.28", "0.36", "0.48")),
-    "friction-wet": (2, ("0.02", "0.1", "0.18")),
-    "crimp": (2, ()),
-    "length": (2, ()),
+    "friction-wet": (1, ("0.02", "0.1", "0.18")),
+    "crimp": (1, ()),
+    "length": (1, ()),
     "pre-tension": (1, ()),
     "twist": (1, ()),
 }
@@ -93,6 +94,17 @@ def section(found: Found, name: str) -> str:
     return "\n".join(lines)
 
 
+def insert(name: str, text: str) -> None:
+    """Put a study's section on the page, in the order of QUICK."""
+    head, _, body = PAGE.read_text().partition(MARK)
+    parts = {}
+    for part in body.split("\n## ")[1:]:
+        own = part.partition("`cgfibre study ")[2].partition("`")[0]
+        parts[own] = "## " + part.rstrip() + "\n"
+    parts[name] = text.rstrip() + "\n"
+    PAGE.write_text(head + MARK + "\n" + "\n".join(parts[n] for n in QUICK if n in parts))
+
+
 def main() -> None:
     """Run what is missing; write the page and its figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -101,7 +113,6 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--full", action="store_true")
     arguments = parser.parse_args()
-    parts = []
     for name in arguments.studies or QUICK:
         starts, only = (None, ()) if arguments.full else QUICK[name]
         out = arguments.runs / name
@@ -110,9 +121,8 @@ def main() -> None:
         shutil.copyfile(out / "study.png", FIGURES / f"section-{name}.png")
         if found.fit:
             shutil.copyfile(out / "values.png", FIGURES / f"section-{name}-fit.png")
-        parts.append(section(found, name))
+        insert(name, section(found, name))
         print(name, f"{found.wall:.0f} s", flush=True)
-    PAGE.write_text(NOTES.read_text() + "\n" + "\n".join(parts))
 
 
 if __name__ == "__main__":

@@ -20,19 +20,21 @@ if TYPE_CHECKING:
 #: cases without an order: Okabe and Ito
 COLOURS = (BLUE, VERMILION, GREEN, "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 NAMES = {"line_force": "Force per width", "pressure": "Pressure", "force": "Force on the platen"}
+WIDE = 30.0  # from this ratio on what varies has a logarithmic axis
 BROKEN, DOTTED = (0, (4, 1.6)), (0, (1, 1.4))
 
 
 @dataclass(frozen=True)
 class Line:
-    """A branch of a case: ``x`` (m,), ``mean``, ``ci`` and ``sd`` (m,) over its samples (nan: one sample)."""
+    """A branch of a case: ``x`` (m,) and ``mean`` (m,) of its ``n`` samples; ``band`` (m,) half as wide as what is
+    drawn about it (nan: none)."""
 
     label: str
     branch: str
     x: FloatArray
     mean: FloatArray
-    ci: FloatArray
-    sd: FloatArray
+    band: FloatArray
+    n: int
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ class StudyView:
 def plot_study(ax: Axes, lines: Sequence[Line], view: StudyView) -> Axes:
     """Load against thickness or displacement, a colour a case; bands are the 95 % confidence of the mean.
 
-    First loading full, unloading broken, loading again dotted.
+    Of two samples bands are their range. First loading full, unloading broken, loading again dotted.
     """
     labels = list(dict.fromkeys(line.label for line in lines))
     many = view.ordered or len(labels) > len(COLOURS)
@@ -63,30 +65,35 @@ def plot_study(ax: Axes, lines: Sequence[Line], view: StudyView) -> Axes:
             again = line.branch not in ("loading", "unloading")
             dashes = DOTTED if again else BROKEN if line.branch.startswith("unloading") else "-"
             name = line.label if line.branch == "loading" else None
-            band = np.isfinite(line.ci)
+            known = np.isfinite(line.band)
             if view.x == "thickness":
                 ax.plot(line.mean, line.x, color=colour, ls=dashes, lw=1.8, label=name)
                 ax.fill_betweenx(
-                    line.x, line.mean - line.ci, line.mean + line.ci, where=band, color=colour, alpha=0.18, lw=0
+                    line.x, line.mean - line.band, line.mean + line.band, where=known, color=colour, alpha=0.18, lw=0
                 )
             else:
                 ax.plot(line.x, line.mean, color=colour, ls=dashes, lw=1.8, label=name)
-                low = np.maximum(line.mean - line.ci, 0.0)
-                ax.fill_between(line.x, low, line.mean + line.ci, where=band, color=colour, alpha=0.18, lw=0)
+                low = np.maximum(line.mean - line.band, 0.0)
+                ax.fill_between(line.x, low, line.mean + line.band, where=known, color=colour, alpha=0.18, lw=0)
         if any(line.branch == "unloading" for line in lines):
             ax.plot([], [], color=GREY, ls=BROKEN, lw=1.5, label="unloading")
         if any(line.branch == "loading 2" for line in lines):
             ax.plot([], [], color=GREY, ls=DOTTED, lw=1.5, label="loading again")
-        if any(np.isfinite(line.ci).any() for line in lines):
-            ax.fill_between([], [], [], color=GREY, alpha=0.3, lw=0, label="95 % of the mean")
+        for many_of, text in ((True, "95 % of the mean"), (False, "range of two samples")):
+            if any((line.n > 2) == many_of and np.isfinite(line.band).any() for line in lines):
+                ax.fill_between([], [], [], color=GREY, alpha=0.3, lw=0, label=text)
         ax.set_ylabel(f"{NAMES[view.kind]} ({view.unit})")
         quantity = "Thickness" if view.x == "thickness" else "Platen displacement"
         ax.set_xlabel(f"{quantity} / initial thickness" if view.normalised else f"{quantity} (µm)")
         if view.log:
             ax.set_yscale("log")
-        if view.x == "thickness":
-            ax.invert_xaxis()
         ax.margins(x=0.02)
+        if view.x == "thickness":
+            means = np.concatenate([line.mean[np.isfinite(line.mean)] for line in lines] or [np.zeros(0)])
+            if len(means):  # a band of few samples may be wider than all curves
+                ax.set_xlim(means.max() + 0.04 * np.ptp(means), means.min() - 0.04 * np.ptp(means))
+            else:
+                ax.invert_xaxis()
     return ax
 
 
@@ -135,6 +142,9 @@ def plot_values(ax: Axes, series: Sequence[Points], xlabel: str) -> Axes:
         ax.set_xlabel(xlabel[:1].upper() + xlabel[1:])
         ax.set_ylabel("Thickness (µm)")
         ax.set_ylim(bottom=0)
+        x = np.concatenate([p.x for p in series])
+        if x.min() > 0 and x.max() / x.min() > WIDE:
+            ax.set_xscale("log")
         ax.margins(x=0.04)
     return ax
 

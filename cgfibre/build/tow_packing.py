@@ -115,10 +115,11 @@ def _hexagonal(shape: TowShape, count: int, diameter: float, apart: float) -> Fl
         return points[shape.contains(points, 0.5 * diameter * (1.0 - 1e-9))]
 
     best: tuple[float, FloatArray] | None = None
-    widest = max(shape.width, 2.0 * apart)
+    # no lattice puts many more points into a section than its area over that of a cell
+    widest = max(1.6 * float(np.sqrt(shape.area / (ROW * count))), apart)
     for shift in ((y, z) for y in (0.0, 0.25, 0.5) for z in (0.0, 0.5, 0.25)):
         # points inside against pitch is no monotone function: scan, widest first
-        for pitch in np.geomspace(widest, apart, 400):
+        for pitch in np.geomspace(widest, apart, 150):
             if best is not None and pitch <= best[0] * (1.0 + 1e-9):
                 break
             points = inside(float(pitch), shift)

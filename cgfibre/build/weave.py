@@ -55,6 +55,8 @@ __all__ = [
 CLEAR = 1e-6
 #: stretch of a fabric's height, by its gap or of its paths, that is given for overlap at most
 STRETCH = 1.1
+#: overlap of filaments of the thinner tow's thickness beyond which a spec is refused
+OVERLAP = 1e-3
 #: times that a spec's gap is opened
 ROUNDS = 8
 #: what is built: a spec, or paths with the periodic cell's edges (x, y) um (``None``: a patch)
@@ -145,7 +147,8 @@ def filament_system(
     number of turns. Filaments are packed as if of D / (cos a cos(b / 2)), a the helix angle at the surface and b the
     largest turn of the path from one section to the next, and further apart by what still overlaps, so that their rods
     do not overlap either; a spec's gap is opened as in :func:`tow_system`.
-    Raises :class:`InputError` for filaments that do not fit, twist of flat tows, and as :func:`tow_system`.
+    Raises :class:`InputError` for filaments that do not fit, twist of flat tows, a spec whose filaments still overlap
+    by more than :data:`OVERLAP` of the thickness (dense and strongly twisted), and as :func:`tow_system`.
     """
     kinds = _kinds(types)
     counts = count if isinstance(count, tuple) else (count, count)
@@ -186,9 +189,14 @@ def filament_system(
         looser *= 1.0 + 1.1 * overlap / d
         try:
             sections = packed(looser)
-        except InputError:  # too dense to stand further apart: what overlaps is in the provenance
+        except InputError:  # too dense to stand further apart
             break
         system = _cleared(woven, partial(build, sections=sections))
+    overlap = float(system.provenance["measured"]["largest_overlap_um"])
+    if isinstance(woven, WeaveSpec) and overlap > OVERLAP * min(woven.warp.thickness, woven.weft.thickness):
+        raise InputError(
+            "filaments.count", count, f"a looser tow, less twist or closer beads: {overlap:.3g} um of overlap are left"
+        )
     return system
 
 

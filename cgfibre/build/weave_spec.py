@@ -385,8 +385,9 @@ def weave_geometry(spec: WeaveSpec, mass_per_length: tuple[float, float] | None 
 
     Cosine without a flat crest: tan(angle) = pi h / p, and the arc length of one crossing is
     (2 / pi) sqrt(p^2 + (pi h)^2) E(m), m = (pi h)^2 / (p^2 + (pi h)^2). Taut round tows: Peirce's equations,
-    p = (l - D a) cos a + D sin a, h_w + h_f = D. Cover: k + k' - k k' with k = width / spacing. Thickness: the highest
-    surface less the lowest, max(h + t / 2) over both tows, twice. ``mass_per_length`` pg/um of a (warp, weft) tow.
+    p = (l - D a) cos a + D sin a and 2 h = (l - D a) sin a + D (1 - cos a), D = t + t', l the arc length of one
+    crossing. Cover: k + k' - k k' with k = width / spacing. Thickness: the highest surface less the lowest,
+    max(h + t / 2) over both tows, twice. ``mass_per_length`` pg/um of a (warp, weft) tow.
     Raises :class:`InputError` as :func:`weave_paths`.
     """
     cell = replace(spec, periodic=True, repeats=(1, 1), tows=None)

@@ -17,7 +17,7 @@ from cgfibre.errors import EngineError, InputError
 from cgfibre.measure.ensemble import Difference, Ensemble, mean_of
 from cgfibre.measure.friction_power import FrictionFit
 from cgfibre.mechanics.compaction_laws import THESIS_DRY, THESIS_WET, FrictionPower
-from cgfibre.scene import Scene, joined_overrides, read_toml
+from cgfibre.scene import Bundle, Scene, joined_overrides, read_toml
 from cgfibre.study.file import LOADS, Cell, Study, cells, load_study, slug
 from cgfibre.study.outcome import (
     CaseFound,
@@ -121,13 +121,13 @@ def _chosen(all_cells: Sequence[Cell], only: Sequence[str]) -> list[Cell]:
 
 
 def specimen_jitter(scene: Scene, asked: float | str) -> float:
-    """Jitter of a specimen, um: as asked; else 0.3/7 D, or what the gap between filaments leaves. 0 for random packing,
-    whose seed is another packing already."""
-    if scene.is_weave or scene.bundle.arrangement == "random":
-        return 0.0
-    bundle, d = scene.bundle, scene.filament.diameter
+    """Jitter of a specimen, um: as asked; else 0.3/7 D, or what the gap between filaments leaves. 0 (as the scene has
+    it) for random packing, whose seed is another packing already, and for what is no bundle."""
+    bundle, d = scene.assembly, scene.filament.diameter
     if asked != "auto":
         return float(asked)
+    if not isinstance(bundle, Bundle) or bundle.arrangement == "random":
+        return 0.0
     pitch = bundle.pitch or d
     if bundle.void_fraction is not None:
         pitch = d * np.sqrt(np.pi / (2 * np.sqrt(3)) / (1 - bundle.void_fraction))
@@ -143,6 +143,9 @@ def lay_out(cell: Cell, study: Study, out: Path) -> list[SweepRun]:
         jitter = 0.0 if given else specimen_jitter(scene, study.jitter)
         if scene.is_weave and scene.model.resolve != "filament" and cell.starts > 1:
             raise InputError("starts", cell.starts, "1: tows have no seed, every specimen of this weave is the same")
+        if study.compare.kind == "line_force" and scene.is_weave:
+            expected = "pressures or forces: this assembly has no length along its filaments"
+            raise InputError("compare.loads", list(study.compare.loads), expected)
         runs = []
         for start in range(cell.starts):
             own = start_overrides(scene, start, jitter)
@@ -314,8 +317,9 @@ def _lines(found: Found) -> list[plot_study.Line]:
                 continue
             x = e.x if by_load else e.x / unit
             of = unit if by_load else 1.0
-            line = plot_study.Line(case.label, branch, x, e.mean / of, e.ci / of, e.sd / of)
-            lines.append(line)
+            # of two samples Student's interval is nine times their range: it would hide the curves
+            band = e.ci if e.n > 2 else e.sd / np.sqrt(2)
+            lines.append(plot_study.Line(case.label, branch, x, e.mean / of, band / of, e.n))
     return lines
 
 
