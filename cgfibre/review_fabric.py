@@ -39,6 +39,19 @@ def _units(name: str) -> str:
     return next((unit for start, unit in UNITS.items() if name.startswith(start)), "1")
 
 
+def upright(plan: Plan, frames: Frames) -> Frames:
+    """Frames of a sheared cell with its edges square again: x - y tan(shear), y/cos(shear); others as they are.
+
+    Which filament lies above which stays, lengths do not.
+    """
+    if plan.woven is None or plan.woven.shear == 0:
+        return frames
+    x, y, z = np.moveaxis(frames.positions, -1, 0)
+    shear = plan.woven.shear
+    flat = np.stack([x - y * np.tan(shear), y / np.cos(shear), z], axis=-1)
+    return Frames(frames.step, frames.displacement_um, flat)
+
+
 def passing_guard(system: FilamentSystem, plan: Plan, frames: Frames) -> Guard:
     """Whether a filament passed through another; of tows that are ribbons of chains, between tows alone."""
     fabric = fabric_of(system)

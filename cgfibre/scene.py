@@ -591,8 +591,9 @@ def _check_woven(scene: Scene) -> None:
         raise refusal("ends", Abridged("{...}"), expected)
     if p.shape != "flat" or p.width != "full" or p.bottom_width not in (None, "full"):
         raise refusal("platens", Abridged("{...}"), "shape = 'flat' and width = 'full': platens cover all of a weave")
-    if model.level == "section":
-        raise refusal("model.level", "section", "'auto', 'chain' or 'rod' with assembly.kind = 'weave'")
+    if model.level not in ("auto", "chain"):
+        expected = "'auto' or 'chain' with assembly.kind = 'weave': tows and filaments of a weave are chains"
+        raise refusal("model.level", model.level, expected)
     for key, usual in (("far_field", "none"), ("symmetry", "none"), ("torsion", None)):
         if getattr(model, key) not in (type(model).model_fields[key].default, usual):
             raise refusal(f"model.{key}", getattr(model, key), "no such key with assembly.kind = 'weave'")
@@ -635,8 +636,13 @@ def _check_woven_stop(scene: Scene) -> None:
 
 
 def _check_in_plane(scene: Scene) -> None:
-    """Strain and tension of one direction exclude each other."""
+    """Strain and tension of one direction exclude each other; a patch is held."""
     cell = scene.in_plane
+    if scene.weave.cell == "patch" and not cell.at_rest:
+        expected = "no such table with assembly.cell = 'patch': its ends are held (or cell = 'periodic')"
+        raise refusal("cell", Abridged("{...}"), expected)
+    if cell.edges == "free" and cell.shear != 0:
+        raise refusal("cell.edges", "free", "'held' with cell.shear: the tows' lengths decide the edges then")
     for axis, tow in (("x", "warp"), ("y", "weft")):
         if getattr(cell.strain, axis) != 0 and getattr(cell.tension, tow) != 0:
             expected = f"0 N where cell.strain.{axis} is given: one follows from the other"

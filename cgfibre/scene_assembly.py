@@ -266,10 +266,11 @@ class Weave(Table):
         for key in ("spacing", "tows"):
             if key in given and not isinstance(given[key], dict):
                 given[key] = {"warp": given[key], "weft": given[key]}
-        if "tows" not in given:
-            with suppress(ValueError, TypeError):
-                rows = interlacing(given.get("pattern", "plain"))
-                given["tows"] = {"warp": len(rows[0]), "weft": len(rows)}
+        try:
+            rows = interlacing(given.get("pattern", "plain"))
+        except (ValueError, TypeError):
+            raise refusal("pattern", given["pattern"], PATTERNS) from None
+        given.setdefault("tows", {"warp": len(rows[0]), "weft": len(rows)})
         tow = given.get("tow")
         if isinstance(tow, dict):
             given["weft"] = tow | given["weft"] if isinstance(given.get("weft"), dict) else given.get("weft", tow)
@@ -277,10 +278,7 @@ class Weave(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> Weave:
-        try:
-            rows = self.interlacing
-        except ValueError:
-            raise refusal("pattern", self.pattern, PATTERNS) from None
+        rows = self.interlacing
         if self.cell == "periodic":
             for key, repeat in (("warp", len(rows[0])), ("weft", len(rows))):
                 count = getattr(self.tows, key)
@@ -319,18 +317,21 @@ class PlaneStrain(Table):
 
 
 class Cell(Table):
-    """``[cell]``: what happens to a weave in its plane: strain or tension a tow along warp and weft, and trellis shear,
-    before the platen moves or while it does."""
+    """``[cell]``: what happens to a weave in its plane: strain and trellis shear before the platen moves, or tension a
+    tow along warp and weft, from before then to the end.
+
+    Edges are "held" (the fabric cannot spread), or "free" where no strain is given: without stress, or under tension.
+    """
 
     strain: PlaneStrain = PlaneStrain()
     tension: PerTow = PerTow()
+    edges: Literal["held", "free"] = "held"
     shear: Annotated[float, Value("rad", above=-1.05, below=1.05)] = 0.0
-    during: Literal["before", "compaction"] = "before"
 
     @property
     def at_rest(self) -> bool:
         """Whether nothing happens in the plane."""
-        return self == Cell(during=self.during)
+        return self == Cell()
 
     @model_validator(mode="before")
     @classmethod

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cgfibre.build.system import FilamentSystem, FloatArray
-from cgfibre.plan.model import Plan, every_bead
+from cgfibre.plan.model import Plan, Woven, every_bead
 
 
 def bending_forces(system: FilamentSystem, hinge: FloatArray) -> FloatArray:
@@ -49,8 +49,35 @@ def fabric_parameters(system: FilamentSystem, plan: Plan) -> dict[str, float | i
         "rest": "built" if w.at_rest else "straight",
         "skin_um": plan.woven.skin,
     }
+    if w.moved:
+        values |= _moved_cell(system, w)
     if w.periodic:
         values |= {"boundary_y": "p", "width_formula": "lx*ly/v_contact_length_um"}
     else:
         values |= {"boundary_y": "m", "width_formula": f"{w.size[1]!r}", "end_stiffness_nN_um": w.end_stiffness}
+    return values
+
+
+def _moved_cell(system: FilamentSystem, woven: Woven) -> dict[str, float | int | str]:
+    """Parameters of a cell that is strained, sheared or pulled in its plane; stresses refer to the box's height."""
+    (x, y), height = woven.size, float(np.ptp(system.box[2]))
+    values: dict[str, float | int | str] = {
+        "cell": "moved",
+        "boundary_z": "f",
+        "preparation_steps": woven.preparation,
+        "cell_x_um": x,
+        "cell_y_um": y,
+        "strain_x": woven.strain[0],
+        "strain_y": woven.strain[1],
+        "shear_rad": woven.shear,
+        "edge_time_us": woven.edge_time,
+    }
+    stiffness = []
+    for axis, tension, pull, across in zip("xy", woven.tension, woven.edge_stiffness, (y, x), strict=True):
+        if tension is not None:
+            values[f"edge_{axis}"] = "free"
+            values[f"tension_{axis}_kPa"] = -tension / (across * height)
+            stiffness.append(pull / (across * height))
+    if stiffness:
+        values["edge_modulus_kPa"] = float(np.mean(stiffness))
     return values

@@ -58,8 +58,19 @@ def other_shape(scene: Scene, planned: str, level: str) -> InputError | None:
 
 
 def other_levels(scene: Scene, plan: Plan) -> dict[str, Plan | InputError]:
-    """What the scene would be at every other level: its plan, or why it cannot be."""
+    """What the scene would be at every other level: its plan, or why it cannot be. Of a weave: with its tows, or with
+    all their filaments."""
     found: dict[str, Plan | InputError] = {}
+    if plan.woven is not None:
+        other = "filament" if plan.woven.resolve == "tow" else "tow"
+        asked = scene.model_dump(exclude_none=True)
+        asked["model"] |= {"resolve": other, "spacing": "auto"}
+        asked["contact"] = {k: v for k, v in asked["contact"].items() if k not in ("law", "stiffness", "rise", "table")}
+        try:
+            found[other] = make_plan(scene_from_dict(asked))
+        except InputError as error:
+            found[other] = error
+        return found
     for level in PLANNERS:
         if level == plan.level:
             continue

@@ -80,9 +80,10 @@ class Woven:
     """A weave: what is ``resolve``d (tow or filament), the ``size`` (x, y) um of the cell or patch, the ``volume`` of
     fibres um3, whether it is ``periodic``, whether its tows are free of stress as built (``at_rest``).
 
-    In the plane, over ``preparation`` steps before the platens move or (0) while they do: ``strain`` (x, y),
-    ``tension`` (x, y) nN on the whole cell, ``shear`` rad. ``skin`` um: how far beads go before neighbours are found
-    anew; ``end_stiffness`` nN/um of a patch's ends; ``asked_spacing`` um that the builder was given.
+    In the plane, over ``preparation`` steps before the platens move: ``strain`` (x, y),
+    ``tension`` (x, y) nN on the whole cell (None: held there), ``shear`` rad. A free edge finds its place in
+    ``edge_time`` us against an ``edge_stiffness`` (x, y) nN a strain. ``skin`` um: how far beads go before neighbours
+    are found anew; ``end_stiffness`` nN/um of a patch's ends; ``asked_spacing`` um that the builder was given.
     """
 
     resolve: str
@@ -91,12 +92,19 @@ class Woven:
     periodic: bool
     at_rest: bool
     strain: tuple[float, float] = (0.0, 0.0)
-    tension: tuple[float, float] = (0.0, 0.0)
+    tension: tuple[float | None, float | None] = (None, None)
     shear: float = 0.0
     preparation: int = 0
+    edge_time: float = 0.0
+    edge_stiffness: tuple[float, float] = (0.0, 0.0)
     skin: float = 1.0
     end_stiffness: float = 0.0
     asked_spacing: float = 0.0
+
+    @property
+    def moved(self) -> bool:
+        """Whether anything happens in the plane."""
+        return self.strain != (0.0, 0.0) or self.tension != (None, None) or self.shear != 0.0
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -13,8 +14,9 @@ from cgfibre.plan.outline import scene_filament
 from cgfibre.scene import Scene
 from cgfibre.scene_assembly import Tow, Weave
 
-#: chains side by side that a flat tow is given, at most, and its width over its thickness that each stands for
-MOST_RIBBONS, RIBBON_ASPECT = 5, 2.0
+#: width over thickness from which on a tow is flat, chains side by side that such a one is given, at most, and the part
+#: of its width, in thicknesses, that each stands for
+FLAT, MOST_RIBBONS, RIBBON_ASPECT = 5.0, 5, 2.0
 
 
 @dataclass(frozen=True)
@@ -69,8 +71,8 @@ def tow_model(scene: Scene, tow: Tow) -> TowModel:
     )
     chains = tow.ribbons
     if chains == "auto":
-        wide = tow.width / tow.thickness / RIBBON_ASPECT
-        chains = 1 if tow.width < (1 + RIBBON_ASPECT) * tow.thickness else min(MOST_RIBBONS, math.ceil(wide))
+        aspect = tow.width / tow.thickness
+        chains = 1 if aspect < FLAT else min(MOST_RIBBONS, math.ceil(aspect / RIBBON_ASPECT))
     return TowModel(shape, whole, int(chains), area)
 
 
@@ -132,6 +134,7 @@ def filament_level(scene: Scene, spacing: float) -> FilamentSystem:
     )
 
 
+@lru_cache(maxsize=4)
 def woven_system(scene: Scene, resolve: str, spacing: float) -> FilamentSystem:
     """The weave as chains of its tows or of its filaments."""
     return tow_level(scene, spacing) if resolve == "tow" else filament_level(scene, spacing)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,10 @@ DEEPEST = 0.75
 SKIN = 0.05
 #: stiffness of a patch's ends over that of a segment's stretching
 END_SHARE = 0.05
+#: periods of the fabric over which it is strained, and of which a free edge takes some three to find its place
+PREPARATION, EDGE_PERIODS = 30.0, 1.0
+#: stiffness of crimped tows in the plane over their EA, roughly
+CRIMPED = 0.3
 #: part of a diameter that the end of a tow may be off the middle of the fabric and still be a crossing-over
 MIDDLE = 0.1
 
@@ -141,9 +146,19 @@ def rest_choice(scene: Scene, level: str) -> Choice:
     return Choice("rest shape", "as built", f"{how}: no stress at rest")
 
 
-def woven_plan(scene: Scene, resolve: str, system: FilamentSystem, volume: float, spacing: float) -> Woven:
-    """The weave's part of a plan; ``spacing`` is what the builder was given."""
-    w, longest = scene.weave, float(np.max(system.bond_lengths()))
+def woven_plan(
+    scene: Scene, resolve: str, system: FilamentSystem, volume: float, spacing: float, period: float
+) -> Woven:
+    """The weave's part of a plan; ``spacing`` is what the builder was given, ``period`` steps in one of the fabric."""
+    w, cell, longest = scene.weave, scene.in_plane, float(np.max(system.bond_lengths()))
+    pulls = (cell.tension.warp * w.tows.warp, cell.tension.weft * w.tows.weft)
+    free = [
+        strain == 0 and (cell.edges == "free" or pull > 0)
+        for strain, pull in zip((cell.strain.x, cell.strain.y), pulls, strict=True)
+    ]
+    EA = [
+        float(np.sum([t.EA for t in np.array(system.types)[system.filament_type[_runs(system) == k]]])) for k in (0, 1)
+    ]
     return Woven(
         resolve,
         w.size,
@@ -153,4 +168,33 @@ def woven_plan(scene: Scene, resolve: str, system: FilamentSystem, volume: float
         skin=SKIN * float(np.min(system.diameter)),
         end_stiffness=END_SHARE * min(t.EA for t in system.types) / longest,
         asked_spacing=spacing,
+        strain=(cell.strain.x, cell.strain.y),
+        tension=(pulls[0] if free[0] else None, pulls[1] if free[1] else None),
+        shear=cell.shear,
+        preparation=math.ceil(PREPARATION * period) if not cell.at_rest else 0,
+        edge_time=EDGE_PERIODS * period,
+        edge_stiffness=(CRIMPED * EA[0], CRIMPED * EA[1]),
     )
+
+
+def _runs(system: FilamentSystem) -> np.ndarray:
+    """(n_filaments,) 0 for filaments along x, 1 for those along y."""
+    run = system.positions[system.last_beads] - system.positions[system.first_beads]
+    return np.asarray(np.argmax(np.abs(run[:, :2]), axis=1))
+
+
+def cell_choices(scene: Scene) -> list[Choice]:
+    """What happens in the plane."""
+    c = scene.in_plane
+    if c.at_rest:
+        return [Choice("in the plane", "held", "the fabric can neither spread nor shrink, as between mirrors")]
+    parts = [f"strain {c.strain.x:g}, {c.strain.y:g}"] if (c.strain.x, c.strain.y) != (0, 0) else []
+    parts += [f"sheared by {math.degrees(c.shear):.3g} deg"] if c.shear else []
+    if (c.tension.warp, c.tension.weft) != (0, 0):
+        parts.append(f"{c.tension.warp * 1e-9:.3g} N a warp tow, {c.tension.weft * 1e-9:.3g} N a weft tow")
+    parts += ["free edges"] if c.edges == "free" else []
+    return [
+        Choice(
+            "in the plane", ", ".join(parts), "before the platens move, which stand at the fabric as built meanwhile"
+        )
+    ]

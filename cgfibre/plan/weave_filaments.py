@@ -13,8 +13,16 @@ from cgfibre.plan.cost import predicted_seconds
 from cgfibre.plan.model import Choice, ErrorPart, Omission, Plan, Platens
 from cgfibre.plan.outline import scene_filament
 from cgfibre.plan.pressing import REFERENCE_LOAD, plan_pressing
-from cgfibre.plan.tows import filament_level, greatest_curvature
-from cgfibre.plan.weave_common import Touching, built_height, chain_beads, planned_stop, rest_choice, woven_plan
+from cgfibre.plan.tows import greatest_curvature, woven_system
+from cgfibre.plan.weave_common import (
+    Touching,
+    built_height,
+    cell_choices,
+    chain_beads,
+    planned_stop,
+    rest_choice,
+    woven_plan,
+)
 from cgfibre.scene import Scene
 
 #: part of the tow's thickness by which the chord of a segment may miss its line, longest segment in diameters, and
@@ -68,7 +76,7 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
     if scene.model.level != "auto":
         level = Choice("level", scene.model.level, "as asked in the scene")
     spacing, choice = _spacing(scene)
-    system = filament_level(scene, spacing)
+    system = woven_system(scene, "filament", spacing)
     longest = float(np.max(system.bond_lengths()))
     area = w.size[0] * w.size[1]
     height = built_height(system)
@@ -87,13 +95,15 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
     timestep, step = checked_step(scene, limit)
     mass = float(np.sum(beads.mass))
     motion, sampling, more = plan_pressing(scene, mat, mass, timestep, stops)
-    drag = DRAG * math.sqrt(mat.stiffness(REFERENCE_LOAD * stops.load) / mass) * float(np.mean(beads.mass))
+    frequency = math.sqrt(mat.stiffness(REFERENCE_LOAD * stops.load) / mass)
+    drag = DRAG * frequency * float(np.mean(beads.mass))
     choices += [
         level,
         choice,
         Choice("contact law", law, "line contact of parallel filaments, Hertz where they cross"),
         friction(scene),
         rest_choice(scene, level.value),
+        *cell_choices(scene),
         Choice("axial softening", f"{axial:g}", "the cell is held: crimp that is pressed out goes into their length"),
         step,
         *more,
@@ -136,7 +146,7 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
             ErrorPart("bead spacing", SPACING_ERROR, "chords in place of curved filaments"),
             ErrorPart("rearrangements", REARRANGEMENT, "filaments give way at slightly other displacements"),
         ),
-        woven=woven_plan(scene, "filament", system, volume, spacing),
+        woven=woven_plan(scene, "filament", system, volume, spacing, 2 * math.pi / (frequency * timestep)),
     )
 
 

@@ -17,8 +17,16 @@ from cgfibre.plan.cost import predicted_seconds
 from cgfibre.plan.model import Choice, Contact, ErrorPart, Omission, Plan, Platens
 from cgfibre.plan.pressing import REFERENCE_LOAD, plan_pressing
 from cgfibre.plan.tow_law import STIFFNESS, ChainLaw, chain_law, tow_law
-from cgfibre.plan.tows import TowModel, greatest_curvature, tow_level, tow_models
-from cgfibre.plan.weave_common import Touching, built_height, chain_beads, planned_stop, rest_choice, woven_plan
+from cgfibre.plan.tows import TowModel, greatest_curvature, tow_models, woven_system
+from cgfibre.plan.weave_common import (
+    Touching,
+    built_height,
+    cell_choices,
+    chain_beads,
+    planned_stop,
+    rest_choice,
+    woven_plan,
+)
 from cgfibre.scene import Scene
 
 #: part of the tow's thickness by which the chord of a segment may miss its centre line, and least segments a crossing
@@ -166,7 +174,7 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     choices.append(level)
     tows = tow_models(scene)
     spacing, choice = _spacing(scene)
-    system = tow_level(scene, spacing)
+    system = woven_system(scene, "tow", spacing)
     longest = float(np.max(system.bond_lengths()))
     modulus = 2 / (1 / tows[0].modulus + 1 / tows[1].modulus)
     law = tow_law(scene, modulus)
@@ -184,6 +192,7 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
         Choice("contact law", _law(scene, modulus), "across a tow, between tows; platens meet half of that compliance"),
         friction(scene),
         rest_choice(scene, level.value),
+        *cell_choices(scene),
     ]
     axial = 1.0 if scene.model.axial_softening == "auto" else float(scene.model.axial_softening)
     choices.append(
@@ -200,10 +209,11 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     mass = float(np.sum(beads.mass))
     motion, sampling, more = plan_pressing(scene, estimate, mass, timestep, stops)
     choices += more
-    drag = DRAG * math.sqrt(estimate.stiffness(REFERENCE_LOAD * stops.load) / mass) * float(np.mean(beads.mass))
+    frequency = math.sqrt(estimate.stiffness(REFERENCE_LOAD * stops.load) / mass)
+    drag = DRAG * frequency * float(np.mean(beads.mass))
     lengths = [float(np.sum(system.bond_lengths()[_of_type(system, k)])) for k in (0, 1)]
     volume = sum(t.fibres * length / t.chains for t, length in zip(tows, lengths, strict=True))
-    woven = woven_plan(scene, "tow", system, volume, spacing)
+    woven = woven_plan(scene, "tow", system, volume, spacing, 2 * math.pi / (frequency * timestep))
     cost = f"{level.value}, capsules"
     return Plan(
         level=level.value,
