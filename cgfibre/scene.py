@@ -800,7 +800,7 @@ def _insert_files(data: dict[str, Any], folder: Path) -> None:
         if not isinstance(table, dict):
             continue
         named = table.get(key)
-        if not isinstance(named, str) or "\n" in named:
+        if not isinstance(named, str) or "\n" in named or not named:
             continue
         try:
             text = (folder / named).read_text(encoding="utf-8-sig")
