@@ -46,7 +46,8 @@ def test_a_periodic_cell_a_patch_and_finer_beads_agree(weave):
     c = cell.curve
     assert c["pressure_MPa"][-1] == pytest.approx(0.2, rel=0.02)
     assert c["force_top_N"][-1] == pytest.approx(0.2 * 100 * c["pressure_MPa"][-1] / 0.2, rel=1e-6)  # over 1 cm2
-    assert np.allclose(c["force_top_N"][5:], c["force_bottom_N"][5:], rtol=0.05)
+    heavy = c["pressure_MPa"] > 0.05
+    assert np.allclose(c["force_top_N"][heavy], c["force_bottom_N"][heavy], rtol=0.02)
     assert c["kinetic_J"][1] < 1e-6 * c["work_J"][-1] and abs(c["stored_J"][1]) < 1e-6 * c["work_J"][-1]
     names = {g.name for g in cell.review.guards}
     assert "tows through each other" in names
@@ -92,7 +93,7 @@ def test_a_resumed_weave_repeats_the_unbroken_one_step_by_step(weave):
 
 
 def test_in_the_plane(weave):
-    """A cell sheared by nothing is the square one; tension makes it longer and thinner, strain along x pushes weft out."""
+    """A cell sheared by nothing is the square one; tension thins it, strain along x pushes weft out."""
     as_built = weave("built", {})
     sheared = weave("sheared", {"cell.shear": "0.01 deg"})
     assert "triclinic" in (weave.folder / "sheared/deck/log.lammps").read_text()
@@ -105,13 +106,12 @@ def test_in_the_plane(weave):
 
 
 def test_filaments_of_a_small_weave_are_pressed_and_stay_in_order(weave):
-    yarn = {"section": "circular", "thickness": "0.75 mm", "filaments": 4, "packing": "hexagonal"}
+    yarn = {"section": "circular", "thickness": "0.8 mm", "filaments": 4}
     changes = {
         "assembly.tow": yarn,
         "assembly.spacing": "2.5 mm",
         "model.resolve": "filament",
         "platens.stop": {"displacement": "0.2 mm"},
-        "model.accuracy": 0.2,
     }
     result = weave("filaments", changes)
     assert result.trusted, result.summary["warnings"]

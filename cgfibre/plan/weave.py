@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cgfibre.errors import InputError
 from cgfibre.plan.model import Choice, Plan
 from cgfibre.plan.weave_filaments import plan_woven_filaments
 from cgfibre.plan.weave_tows import plan_tows
@@ -11,6 +12,9 @@ from cgfibre.scene import Scene
 def plan_weave(scene: Scene) -> Plan:
     """Plan of a weave; InputError names what in the scene cannot be modelled."""
     resolve = choose_resolution(scene)
+    if resolve.value == "tow" and scene.contact.shape == "beads":
+        expected = "'auto' or 'capsule' for tows: soft laws need the plugin (cgfibre plugin status)"
+        raise InputError("contact.shape", "beads", expected)
     return (plan_tows if resolve.value == "tow" else plan_woven_filaments)(scene, [resolve])
 
 

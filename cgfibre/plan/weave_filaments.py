@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cgfibre.plan.common import checked_step, friction
-from cgfibre.plan.contact import plan_capsule
+from cgfibre.plan.contact import plan_capsule, plan_contact
 from cgfibre.plan.cost import predicted_seconds
+from cgfibre.plan.filaments import LAWS
 from cgfibre.plan.model import Choice, ErrorPart, Omission, Plan, Platens
 from cgfibre.plan.outline import scene_filament
 from cgfibre.plan.pressing import REFERENCE_LOAD, plan_pressing
@@ -83,13 +84,26 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
     volume = float(np.sum(math.pi / 4 * d**2 * system.bond_lengths()))
     mat = FibreMat(scene.filament.E1, volume / (area * height), height, area)
     stops = planned_stop(scene, height, mat)
-    law = "line" if scene.contact.law == "auto" else scene.contact.law
+    beads_touch = scene.contact.shape == "beads"
+    law = scene.contact.law
+    if law == "auto":
+        law = "hooke" if beads_touch else "line"
     softening = 1.0 if scene.contact.softening == "auto" else float(scene.contact.softening)
     # the load of a crossing on one filament of the upper tow, along what it touches
     crossings = w.tows.warp * w.tows.weft
     squeeze = min(CONCENTRATION * stops.load / crossings / max(w.tow.width, w.weft.width), scene.contact.line_load)
-    plan = plan_capsule(scene, law, longest, f.mass_per_length, softening, squeeze)
-    touching = Touching(PAIRS, plan.tangent_kn, plan.wall_tangent, plan.pair.gamma, plan.wall_gamma)
+    if beads_touch:
+        plan = plan_contact(scene, law, longest, f.mass_per_length * longest, softening)
+    else:
+        plan = plan_capsule(scene, law, longest, f.mass_per_length, softening, squeeze)
+    share = longest if beads_touch else 1.0  # of what is a bead's, not of a length
+    touching = Touching(
+        PAIRS,
+        plan.tangent_kn / share,
+        plan.wall_tangent / share,
+        plan.pair.gamma / share,
+        plan.wall_gamma / share,
+    )
     axial = 1.0 if scene.model.axial_softening == "auto" else float(scene.model.axial_softening)
     beads, limit = chain_beads(system, touching, axial, level.value)
     timestep, step = checked_step(scene, limit)
@@ -100,7 +114,8 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
     choices += [
         level,
         choice,
-        Choice("contact law", law, "line contact of parallel filaments, Hertz where they cross"),
+        Choice("contact", *_SHAPES[beads_touch]),
+        Choice("contact law", law, LAWS[law].format(load=scene.contact.line_load * 1e-6)),
         friction(scene),
         rest_choice(scene, level.value),
         *cell_choices(scene),
@@ -108,6 +123,7 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
         step,
         *more,
     ]
+    cost = level.value if beads_touch else f"{level.value}, capsules"
     platens = Platens(
         shape="flat",
         kn=plan.wall_kn,
@@ -138,7 +154,7 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
         platens=platens,
         motion=motion,
         sampling=sampling,
-        predicted_seconds=predicted_seconds(f"{level.value}, capsules", system.n_beads, motion, sampling),
+        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling),
         choices=tuple(choices),
         omissions=_OMISSIONS,
         promise=(
@@ -157,10 +173,20 @@ _OMISSIONS = (
 )
 
 
+#: whether beads touch -> (value, reason)
+_SHAPES = {
+    False: ("capsule", "segments of smooth filaments: crossings and parallel contacts by their own laws"),
+    True: ("beads", "as asked, or because no plugin fits the engine: filaments ripple and nest, the step is shorter"),
+}
+
+
 def _spacing(scene: Scene) -> tuple[float, Choice]:
     asked, w = scene.model.spacing, scene.weave
     if asked != "auto":
         return float(asked), Choice("bead spacing", f"{float(asked):.4g} um at most", "as asked in the scene")
+    if scene.contact.shape == "beads":
+        d = scene.filament.diameter
+        return d, Choice("bead spacing", f"{d:.4g} um at most", "one diameter: beads further apart miss each other")
     thickness = min(w.tow.thickness, w.weft.thickness)
     curvature = greatest_curvature(scene)
     chord = math.sqrt(8 * SAGITTA * thickness / curvature) if curvature > 0 else math.inf
