@@ -13,9 +13,7 @@ import json
 import math
 import os
 import shutil
-import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +22,7 @@ import numpy as np
 
 from cgfibre import plot, store
 from cgfibre.build.system import FloatArray
-from cgfibre.errors import CgfibreError, EngineError, InputError
+from cgfibre.errors import EngineError, InputError
 from cgfibre.measure.compaction import thickness_at_pressure
 from cgfibre.plan.filaments import SEGMENT, contact_shape
 from cgfibre.plan.make import other_shape
@@ -33,10 +31,8 @@ from cgfibre.plan.motion import REFERENCE_DISPLACEMENT
 from cgfibre.record import Curve
 from cgfibre.review import speed_change
 from cgfibre.scene import Scene, load_scene
-from cgfibre.workflow import RUN_FILES, RunOptions, plan_dict, plan_scene, run_scene
-
-#: progress: (predicted seconds done, of all, what was done last)
-Progress = Callable[[float, float, str], None]
+from cgfibre.sweep import Progress, SweepOptions, SweepRun, run_all, start_overrides
+from cgfibre.workflow import RUN_FILES, plan_scene
 
 #: parts of the reference's peak force at whose displacements forces are compared
 FORCE_SHARES = (0.1, 0.4, 1.0)
@@ -203,41 +199,16 @@ def ladder(scene: Scene, reference_accuracy: float = REFERENCE_ACCURACY) -> tupl
 
 
 @dataclass(frozen=True)
-class _Run:
-    """One run to make or to find: its folder, scene and plan."""
+class _Run(SweepRun):
+    """One run to make or to find: of which variant, and which start."""
 
     variant: Variant
     start: int
-    folder: Path
-    overrides: tuple[str, ...]
-    scene: Scene
-    plan: Plan
-
-    @property
-    def name(self) -> str:
-        return self.folder.name
-
-    def finished(self) -> bool:
-        """Whether the folder holds this very run, ended, with the time that the whole of it took."""
-        try:
-            summary = json.loads((self.folder / "summary.json").read_text())
-            plan = json.loads((self.folder / "plan.json").read_text())
-            return (
-                "stopped" not in summary
-                and summary["engine_cpu_s"] is not None
-                and load_scene(self.folder / "scene.toml") == self.scene
-                and plan == json.loads(json.dumps(store.plain(plan_dict(self.plan))))
-                and (self.folder / "results.h5").exists()
-            )
-        except (OSError, ValueError, KeyError, CgfibreError):
-            return False
 
 
 def _start_overrides(scene: Scene, start: int) -> tuple[str, ...]:
-    own: tuple[str, ...] = (f"assembly.seed={scene.bundle.seed + start}",)
-    if scene.bundle.jitter == 0:
-        own += (f"assembly.jitter={JITTER * scene.filament.diameter!r} um",)
-    return own
+    """Another seed, and a jitter where the scene has none."""
+    return start_overrides(scene, start, JITTER * scene.filament.diameter if scene.bundle.jitter == 0 else 0.0)
 
 
 def _same_model(a: Plan, b: Plan) -> bool:
@@ -281,7 +252,8 @@ def _lay_out(source: str | Path, overrides: Sequence[str], options: ChartOptions
 
     def plan_run(v: Variant, start: int) -> _Run:
         whole = (*overrides, *LOADING_ALONE, *_start_overrides(scene, start), *v.overrides)
-        return _Run(v, start, options.out / "runs" / f"{v.name}-{start + 1}", whole, *plan_scene(source, whole))
+        folder = options.out / "runs" / f"{v.name}-{start + 1}"
+        return _Run(folder, source, whole, *plan_scene(source, whole), v, start)
 
     references = [plan_run(reference, k) for k in range(options.reference_seeds)]
     costly = max(COSTLY * references[0].plan.predicted_seconds, CHEAP)
@@ -311,42 +283,6 @@ def _lay_out(source: str | Path, overrides: Sequence[str], options: ChartOptions
     own = replace(own, level=mine.plan.level, shape=shape, spacing=spacing)
     runs[PLANNER] = plan_runs(own)
     return _Work(runs, reference.name, PLANNER, tuple(left_out))
-
-
-def _run_all(source: str | Path, work: _Work, options: ChartOptions, progress: Progress | None) -> dict[str, str]:
-    """Make the runs that are not there yet; returns the reasons of those that the engine gave up, by name."""
-    given_up = threading.Event()
-    todo = [run for run in work if not run.finished()]
-    if options.jobs > 1:
-        todo.sort(key=lambda r: -r.plan.predicted_seconds)
-    total = sum(r.plan.predicted_seconds for r in work)
-    done = total - sum(r.plan.predicted_seconds for r in todo)
-    failed: dict[str, str] = {}
-
-    def make(run: _Run) -> None:
-        # from the start: the time that a killed run took before is not known
-        own = RunOptions(run.folder, force=True, pictures=False)
-        run_scene(source, own, run.overrides, cancelled=given_up.is_set)
-
-    if progress:
-        progress(done, total, f"{sum(1 for _ in work) - len(todo)} runs found" if done else "")
-    with ThreadPoolExecutor(options.jobs) as pool:
-        futures = {pool.submit(make, run): run for run in todo}
-        try:
-            for future in as_completed(futures):
-                run = futures[future]
-                try:
-                    future.result()
-                except EngineError as error:
-                    failed[run.name] = error.reason
-                done += run.plan.predicted_seconds
-                if progress:
-                    progress(done, total, run.name)
-        except BaseException:
-            given_up.set()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return failed
 
 
 # --- errors -----------------------------------------------------------------------------------------------------------
@@ -551,7 +487,8 @@ def chart_scene(
     elsewhere = [Elsewhere.read(text) for text in options.compare]
     work = _lay_out(source, overrides, options)
     _claim(options, scene)
-    failed = _run_all(source, work, options, progress)
+    reasons = run_all(list(work), SweepOptions(options.jobs), progress)
+    failed = {folder.name: reason for folder, reason in reasons.items()}
     if any(run.name in failed for run in work.runs[work.reference]):
         raise EngineError(
             f"the reference {work.reference} did not run: {next(failed[r.name] for r in work.runs[work.reference])}",

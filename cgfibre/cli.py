@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import click
 
-from cgfibre.errors import CgfibreError, EngineError
+from cgfibre.errors import CgfibreError, EngineError, InputError
 
 EXIT_DISTRUSTED = 4
 F = TypeVar("F", bound=Callable[..., Any])
@@ -212,7 +212,7 @@ def chart(
 ) -> None:
     """Chart accuracy against speed: SCENE at every level and spacing it allows, against the finest of them."""
     from cgfibre import chart as charts
-    from cgfibre.report import ChartProgress, print_chart
+    from cgfibre.report import SweepProgress, print_chart
 
     options = charts.ChartOptions(
         out or charts.default_out(scene),
@@ -225,9 +225,57 @@ def chart(
         compare,
         goal,
     )
-    with ChartProgress() as progress:
+    with SweepProgress("charting") as progress:
         found = charts.chart_scene(scene, options, overrides, progress.update)
     print_chart(found)
+
+
+@main.command()
+@click.argument("study", required=False)
+@click.option("--out", type=click.Path(path_type=Path), help="folder of the study [results/study-NAME]")
+@_set
+@click.option("--jobs", type=int, default=1, show_default=True, help="runs at a time, at most the cores")
+@click.option("--starts", type=int, help="specimens a case: seeds of the jitter [the study's]")
+@click.option("--only", metavar="CASE,...", help="these cases alone, optional ones too")
+@click.option("--force", is_flag=True, help="begin anew; else a study that was stopped goes on")
+@click.option("--list", "listed", is_flag=True, help="list the shipped studies, or the cases of STUDY")
+@_guarded
+def study(
+    study: str | None,
+    out: Path | None,
+    overrides: tuple[str, ...],
+    jobs: int,
+    starts: int | None,
+    only: str | None,
+    force: bool,
+    listed: bool,
+) -> None:
+    """Sweep of scenes: STUDY is a TOML file, a shipped study, or a scene (an ensemble of its specimens)."""
+    from cgfibre.study import file as files
+
+    if study is None:
+        if not listed:
+            raise InputError("STUDY", study, "a study's name or file, or --list")
+        for shipped in files.shipped_studies():
+            click.echo(f"{shipped:20s} {files.describe_study(shipped)}")
+        return
+    if listed:
+        for cell in files.cells(files.load_study(study, overrides, starts)):
+            click.echo(f"{cell.slug:28s} {cell.starts:3d} starts  {'optional' if cell.optional else ''}".rstrip())
+        return
+    from cgfibre.report import SweepProgress, print_study
+    from cgfibre.study import run as studies
+
+    options = studies.StudyOptions(
+        out or studies.default_out(study), jobs, starts, tuple(only.split(",")) if only else (), force
+    )
+    with SweepProgress("studying") as progress:
+        found = studies.run_study(study, options, overrides, progress.update)
+    print_study(found)
+    if found.failed:
+        sys.exit(EngineError.exit_code)
+    if not found.trusted:
+        sys.exit(EXIT_DISTRUSTED)
 
 
 @main.command()

@@ -1,4 +1,4 @@
-"""The pictures a run leaves in its folder, drawn from arrays by :mod:`cgfibre.plot`."""
+"""The pictures a run leaves in its folder, drawn from arrays by :mod:`cgfibre.plot` and :mod:`cgfibre.plot_section`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cgfibre import plot
+from cgfibre import plot, plot_section
 from cgfibre.build.system import FilamentSystem
 from cgfibre.engine.assemble import crimp_cylinders, platen_heights
 from cgfibre.measure import distribution
@@ -63,6 +63,8 @@ def draw_all(
         return made
     shown = frames_to_show(frames)
     if plan.woven is not None:
+        if plan.woven.shear != 0:
+            return made  # measured in a square cell alone
         return made + draw_fabric(out, plan, system, curve, frames, statistics or {}, shown)
     x, d = mid_plane(scene, plan), float(np.max(system.diameter))
     heights = platen_heights(system, plan)
@@ -83,7 +85,7 @@ def draw_all(
         after = after[np.isfinite(after).all(axis=1)]  # without those that slid out
         fits = [distribution.fit_distribution(c, reference) for c in (before, after) if len(c) >= 3]
         if len(fits) == 2:
-            made.append(_save(plot.figure_distribution(*fits), out / "distribution.png"))
+            made.append(_save(plot_section.figure_distribution(*fits), out / "distribution.png"))
     if plan.level != "section":
         made.append(_bundle(out, scene, plan, system, frames, peak, heights))
     return made
@@ -109,9 +111,9 @@ def _sections(
         shift = float(frames.displacement_um[k])
         faces = () if flat or plan.level != "section" else _curved_faces(plan, (top, bottom), shift, centres)
         lower = bottom if flat or (faces and not plan.platens.bottom_crimped) else None
-        sections.append(plot.Section(centres, d, lower, top - shift if flat else None, local, title, faces))
+        sections.append(plot_section.Section(centres, d, lower, top - shift if flat else None, local, title, faces))
     colours = plot.Colours.spanning("local fibre volume fraction", *(s.values for s in sections))
-    figure = plot.figure_sections(sections, colours)
+    figure = plot_section.figure_sections(sections, colours)
     if where:
         figure.suptitle(where)
     return figure

@@ -1,4 +1,4 @@
-"""Figures of a run: curve, sections, filaments in 3D, energies, distribution.
+"""Figures of a run: curve, filaments in 3D, energies; and what other figures share.
 
 Functions ``plot_*`` draw on an axes and return it; ``figure_*`` lay out a whole figure and return it. They compute
 nothing but layout. One style throughout: colour-blind-safe colours (Okabe and Ito; viridis for values), units in every
@@ -143,7 +143,8 @@ def plot_curve(ax: Axes, curve: Curve, view: CurveView | None = None, label: str
                 text = f"{label}: {name}" if label else name
                 ax.plot(x[part], y[part], color=colour, alpha=alpha, label="" if early or returning else text, **look)
         if curve.cycles > 1:
-            ax.plot([], [], color=GREY, lw=1.2, alpha=0.75, label=f"loadings 1 to {curve.cycles - 1}")
+            before = "loading 1" if curve.cycles == 2 else f"loadings 1 to {curve.cycles - 1}"
+            ax.plot([], [], color=GREY, lw=1.2, alpha=0.75, label=before)
         error, source = view.speed_error, "halving the platen speed"
         if view.certified is not None:
             error, source = view.certified, "certificate"
@@ -224,21 +225,6 @@ def plot_thickness_errors(ax: Axes, thickness: FloatArray, pressure: FloatArray,
 
 
 @dataclass(frozen=True)
-class Section:
-    """One section to draw: ``centres`` (n, 2) y and z um, ``diameter`` um (one or n), heights of the platens' faces,
-    and optionally ``values`` (n,) for the colour and a ``title``. A face None: that platen is not there. ``faces`` are
-    curved faces, (m, 2) points of y and z each."""
-
-    centres: FloatArray
-    diameter: float | FloatArray
-    z_bottom: float | None = None
-    z_top: float | None = None
-    values: FloatArray | None = None
-    title: str = ""
-    faces: tuple[FloatArray, ...] = ()
-
-
-@dataclass(frozen=True)
 class Colours:
     """Colour scale of the values: ``label`` with unit, range, colour map."""
 
@@ -264,106 +250,6 @@ class Colours:
         from matplotlib.colors import Normalize
 
         return ScalarMappable(Normalize(self.low, self.high), self.cmap)
-
-
-def _section_limits(sections: Sequence[Section]) -> tuple[float, float, float, float]:
-    low, high = np.full(2, np.inf), np.full(2, -np.inf)
-    for s in sections:
-        r = np.broadcast_to(np.asarray(s.diameter, dtype=float) / 2, len(s.centres))[:, None]
-        low = np.minimum(low, np.nanmin(s.centres - r, axis=0))
-        high = np.maximum(high, np.nanmax(s.centres + r, axis=0))
-        platens = [z for z in (s.z_bottom, s.z_top) if z is not None]
-        platens += [float(z) for curved in s.faces for z in (curved[:, 1].min(), curved[:, 1].max())]
-        low[1], high[1] = min([low[1], *platens]), max([high[1], *platens])
-    pad = 0.05 * max(high - low)
-    bar = min(0.07 * max(high - low), 0.3 * (high[1] - low[1]))
-    return low[0] - pad, high[0] + pad, low[1] - bar, high[1] + bar
-
-
-def plot_section(ax: Axes, section: Section, colours: Colours | None = None) -> Axes:
-    """Filament discs at true scale between the platens, coloured by ``section.values`` on the scale ``colours``.
-
-    Platens are hatched bars across the axes. Filaments with nan centres are not drawn. Limits that were set before by
-    ``ax.set_xlim``/``set_ylim`` are kept, so that several sections can share them.
-    """
-    from matplotlib.collections import EllipseCollection
-    from matplotlib.patches import Rectangle
-
-    centres = np.asarray(section.centres, dtype=float)
-    there = np.isfinite(centres).all(axis=1)
-    if centres.ndim != 2 or centres.shape[1] != 2 or not there.any():
-        raise InputError("section.centres", centres.shape, "shape (n, 2) with finite centres")
-    with style():
-        if ax.get_autoscalex_on():
-            y0, y1, z0, z1 = _section_limits([section])
-            ax.set_xlim(y0, y1)
-            ax.set_ylim(z0, z1)
-        diameter = np.broadcast_to(np.asarray(section.diameter, dtype=float), len(centres))[there]
-        if section.values is None:
-            face: Any = STEEL
-        else:
-            scale = (colours or Colours.spanning("", section.values)).mappable()
-            face = scale.to_rgba(np.asarray(section.values, dtype=float)[there])
-        discs = EllipseCollection(
-            diameter,
-            diameter,
-            np.zeros(len(diameter)),
-            units="xy",
-            offsets=centres[there],
-            offset_transform=ax.transData,
-            facecolors=face,
-            edgecolors="white" if len(diameter) > 1000 else INK,
-            linewidths=0.0 if len(diameter) > 1000 else 0.5,
-        )
-        ax.add_collection(discs, autolim=False)
-        (y0, y1), (z0, z1) = ax.get_xlim(), ax.get_ylim()
-        deep = 2 * (z1 - z0)
-        for z, base in ((section.z_bottom, -deep), (section.z_top, 0.0)):
-            if z is not None:
-                bar = (y0 - deep, z + base), y1 - y0 + 2 * deep, deep
-                ax.add_patch(Rectangle(*bar, facecolor="#ECECEC", edgecolor="#A0A0A0", hatch="////", lw=0))
-                ax.axhline(z, color=INK, lw=1.4)
-        for curved in section.faces:
-            ax.plot(*curved.T, color=INK, lw=1.8)
-        ax.set_aspect("equal")
-        ax.grid(False)
-        ax.set_xlabel("y (µm)")
-        ax.set_ylabel("z (µm)")
-        if section.title:
-            ax.set_title(section.title)
-    return ax
-
-
-def figure_sections(sections: Sequence[Section], colours: Colours | None = None) -> Figure:
-    """Sections side by side (wide ones: one above the other) at one scale, with one colour bar; say before, during,
-    after.
-
-    The range of all values is used where ``colours`` is not given. Raises InputError without a section.
-    """
-    if not sections:
-        raise InputError("sections", 0, "one section or more")
-    values = [s.values for s in sections]
-    coloured = any(v is not None for v in values)
-    scale = colours or Colours.spanning("", *values)
-    y0, y1, z0, z1 = _section_limits(sections)
-    aspect, n = (y1 - y0) / (z1 - z0), len(sections)
-    wide = aspect > 2.2 and n > 1
-    panel_width = 8.6 if wide else max(2.6, min(4.0, 12.0 / n))
-    panel_height = panel_width / aspect
-    rows, columns = (n, 1) if wide else (1, n)
-    fig = new_figure(columns * panel_width + (1.9 if coloured else 0.8), rows * (panel_height + 0.45) + 0.55)
-    with style():
-        axes = fig.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-        for ax, section in zip(axes, sections, strict=True):
-            ax.set_xlim(y0, y1)
-            ax.set_ylim(z0, z1)
-            plot_section(ax, section, scale)
-            ax.label_outer()
-        if coloured:
-            bar = fig.colorbar(scale.mappable(), ax=list(axes), shrink=0.9, pad=0.015, aspect=22)
-            bar.set_label(scale.label, labelpad=7)
-            bar.outline.set_visible(False)
-    return fig
 
 
 def plot_energy(ax: Axes, curve: Curve) -> Axes:
@@ -594,50 +480,6 @@ def figure_trials(trials: Sequence[Trial], names: Sequence[str] = (), title: str
     fig = new_figure(8.4, 5.2)
     with style():
         plot_trials(fig.add_subplot(), trials, names).set_title(title)
-    return fig
-
-
-class GaussianCoordinates(Protocol):
-    """What :func:`figure_distribution` draws (``measure.distribution.Distribution`` is one): ``coordinates`` (n, 2),
-    normalised; ``mean`` and ``sd`` (2,)."""
-
-    @property
-    def coordinates(self) -> FloatArray: ...  # noqa: D102
-    @property
-    def mean(self) -> FloatArray: ...  # noqa: D102
-    @property
-    def sd(self) -> FloatArray: ...  # noqa: D102
-
-
-def figure_distribution(before: GaussianCoordinates, after: GaussianCoordinates) -> Figure:
-    """Histograms of the normalised y and z of the filaments before and after, with their Gaussian fits (thesis Fig
-    7-19).
-
-    Both states on the same bins; the legend gives mean and s.d. A coordinate without spread has no curve.
-    """
-    fig = new_figure(9.2, 3.9)
-    with style():
-        axes = fig.subplots(1, 2, sharey=True)
-        for axis, (ax, name) in enumerate(zip(axes, ("y", "z"), strict=True)):
-            both = np.concatenate([before.coordinates[:, axis], after.coordinates[:, axis]])
-            reach = 1.05 * max(1.0, float(np.abs(both).max()))
-            n_bins = int(np.clip(2 * np.cbrt(len(both) / 2), 9, 41))
-            bins = np.linspace(-reach, reach, n_bins + (1 - n_bins % 2) + 1)
-            x = np.linspace(-1.15 * reach, 1.15 * reach, 301)
-            for state, colour, when in ((before, GREY, "before"), (after, BLUE, "after")):
-                mean = round(float(state.mean[axis]), 2) + 0.0  # no minus zero
-                text = f"{when}: mean {mean:.2f}, s.d. {state.sd[axis]:.2f}".replace("-", "−")
-                data = state.coordinates[:, axis]
-                ax.hist(data, bins, density=True, color=colour, alpha=0.35, lw=0, label=text)
-                if state.sd[axis] > 0:
-                    z = (x - state.mean[axis]) / state.sd[axis]
-                    ax.plot(x, np.exp(-(z**2) / 2) / (state.sd[axis] * np.sqrt(2 * np.pi)), color=colour)
-            ax.set_xlabel(f"Normalised {name} (1)")
-            ax.legend(loc="upper left", handlelength=1.2)
-        axes[0].set_ylim(0, 1.28 * axes[0].get_ylim()[1])
-        axes[0].set_ylabel("Probability density (1)")
-        axes[0].set_title("across the compaction", loc="left")
-        axes[1].set_title("along the compaction", loc="left")
     return fig
 
 

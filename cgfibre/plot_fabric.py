@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from cgfibre.plot import Axes, Figure
 
 WARP, WEFT = BLUE, VERMILION
+#: crossings of a map that are named at most
+NAMED = 16
 #: names and colours of the two directions, and dashes and marks that part them without colour
 DIRECTIONS = (("warp", WARP, "-", "o"), ("weft", WEFT, "--", "s"))
 
@@ -235,38 +237,52 @@ class CrossingMap:
 def plot_crossings(ax: Axes, view: CrossingMap) -> Axes:
     """Plan of the fabric, with the force that each crossing carries through the thickness as the colour of a disc.
 
-    The tow above is drawn above; the letter says which it is (warp runs along x).
+    The tow above is drawn above, and named where there are few crossings (warp runs along x).
     """
     from matplotlib.collections import PatchCollection
-    from matplotlib.patches import Circle, Polygon
+    from matplotlib.patches import Circle, Polygon, Rectangle
 
     force = view.loads.through * 1e-9
     largest = float(np.max(np.abs(force), initial=0.0))
-    factor, unit = next(
-        (f, u) for f, u in ((1.0, "N"), (1e3, "mN"), (1e6, "µN"), (1e9, "nN")) if largest * f >= 0.1 or u == "nN"
-    )
+    units = ((1.0, "N"), (1e3, "mN"), (1e6, "µN"), (1e9, "nN"))
+    factor, unit = next((f, u) for f, u in units if largest * f >= 0.1 or u == "nN")
     mm = float(np.max(view.size[:, 1] - view.size[:, 0])) > 3000
     scale = 1e-3 if mm else 1.0
     colours = Colours.spanning(f"force at the crossing ({unit})", np.append(force * factor, 0.0))
     with style():
         tints = tow_colours(view.axis) * 0.45 + 0.55
-        for k, line in enumerate(view.lines):
+        for tow, line in enumerate(view.lines):
             way = np.gradient(line[:, :2], axis=0)
             way /= np.linalg.norm(way, axis=1)[:, None]
-            side = np.stack([-way[:, 1], way[:, 0]], axis=1) * view.width[k] / 2
+            side = np.stack([-way[:, 1], way[:, 0]], axis=1) * view.width[tow] / 2
             outline = np.concatenate([line[:, :2] + side, (line[:, :2] - side)[::-1]]) * scale
-            ax.add_patch(Polygon(outline, facecolor=tints[k], edgecolor="white", lw=0.8, zorder=1 + 0.1 * view.axis[k]))
+            above = 1 + 0.1 * view.axis[tow]
+            ax.add_patch(Polygon(outline, facecolor=tints[tow], edgecolor="white", lw=0.8, zorder=above))
         low, high = view.size[:, 0], view.size[:, 1]
         places = low + np.mod(view.loads.place[:, :2] - low, high - low)
+        for k in np.flatnonzero(view.loads.warp_above).tolist():
+            # weft was drawn last: the warp once more where it lies above
+            warp, weft = view.loads.warp[k], view.loads.weft[k]
+            size = np.array([1.1 * view.width[weft], view.width[warp]]) * scale
+            corner = places[k] * scale - size / 2
+            ax.add_patch(Rectangle((corner[0], corner[1]), size[0], size[1], facecolor=tints[warp], lw=0, zorder=2))
         radius = 0.32 * float(np.min(view.width)) * scale
         discs = [Circle((p[0] * scale, p[1] * scale), radius) for p in places]
         shown = PatchCollection(discs, cmap=colours.cmap, edgecolor=INK, lw=0.8, zorder=3)
         shown.set_array(force * factor)
         shown.set_clim(colours.low, colours.high)
         ax.add_collection(shown)
-        for p, above in zip(places * scale, view.loads.warp_above, strict=True):
-            ax.text(
-                p[0], p[1], "warp" if above else "weft", ha="center", va="center", fontsize=7, color="white", zorder=4
+        named = places * scale if len(places) <= NAMED else places[:0]
+        for p, is_warp in zip(named, view.loads.warp_above[: len(named)], strict=True):
+            ax.annotate(
+                "warp above" if is_warp else "weft above",
+                (p[0], p[1] - radius),
+                (0, -2),
+                textcoords="offset points",
+                ha="center",
+                va="top",
+                fontsize=7,
+                zorder=4,
             )
         ax.set_xlim(low[0] * scale, high[0] * scale)
         ax.set_ylim(low[1] * scale, high[1] * scale)
@@ -299,6 +315,8 @@ def plot_balance(ax: Axes, balance: Balance) -> Axes:
         ax.set_xlabel("pressure (MPa)")
         ax.set_ylabel("force at crossings / platen force")
         ax.set_xlim(left=0)
+        ax.set_ylim(bottom=0)
+        ax.locator_params(axis="x", nbins=5)
     return ax
 
 

@@ -23,11 +23,15 @@ from rich.table import Table
 from cgfibre.cases.limits import LimitMap
 from cgfibre.chart import COMPARED, Chart, Row
 from cgfibre.errors import InputError
+from cgfibre.measure.ensemble import mean_of
 from cgfibre.pictures import PICTURES
 from cgfibre.plan.make import other_levels
 from cgfibre.plan.model import Plan
 from cgfibre.scene import Scene
 from cgfibre.stability import CSV_NAME, Finding
+from cgfibre.study.file import LOADS
+from cgfibre.study.outcome import reached
+from cgfibre.study.run import Found, report_lines
 from cgfibre.workflow import RunResult
 
 
@@ -226,12 +230,12 @@ def print_limits(findings: Sequence[Finding], out: Path) -> None:
     console.print(f"table    {out / CSV_NAME}\npictures {out / 'stability-*.png'}", highlight=False, soft_wrap=True)
 
 
-class ChartProgress(_LateProgress):
-    """Progress of a chart by predicted seconds of its runs; a context manager."""
+class SweepProgress(_LateProgress):
+    """Progress of a chart or a study by predicted seconds of its runs; a context manager."""
 
-    def __init__(self) -> None:
+    def __init__(self, title: str) -> None:
         super().__init__(
-            TextColumn("[bold]charting"),
+            TextColumn(f"[bold]{title}"),
             BarColumn(),
             TextColumn("{task.percentage:3.0f} %"),
             TextColumn("{task.fields[state]}"),
@@ -241,8 +245,30 @@ class ChartProgress(_LateProgress):
         )
 
     def update(self, done: float, total: float, last: str) -> None:
-        """Show a state; the signature of :data:`cgfibre.chart.Progress`."""
+        """Show a state; the signature of :data:`cgfibre.sweep.Progress`."""
         self._progress.update(self._begin("", total, state=last), completed=done, total=total, state=last)
+
+
+def print_study(found: Found) -> None:
+    """The table of a study: thickness at each load, mean and 95 % interval, and how many specimens that is of."""
+    console = Console(soft_wrap=True, width=max(Console().width, 110))
+    unit = LOADS[found.study.compare.kind][1]
+    table = Table(title=f"{found.study.title or found.study.name}: thickness (um)", title_justify="left")
+    for name in ("case", "samples", *(f"{load:.3g} {unit}" for load in found.study.compare.values), ""):
+        table.add_column(name, no_wrap=True, justify="left" if name in ("case", "") else "right")
+    for case in found.cases:
+        cells = []
+        for load in found.study.compare.values:
+            metric = case.metrics.get(f"thickness_um_at_{load:.4g}_{unit.replace('/', '_per_')}")
+            mean, ci, _ = mean_of(reached(metric.values)) if metric else (math.nan,) * 3
+            interval = "" if math.isnan(ci) else f" ± {ci:.{_decimals(ci)}f}"
+            cells.append("" if math.isnan(mean) else f"{mean:.2f}{interval}")
+        n = len(case.specimens)
+        samples = "none" if n == 0 else "one sample" if n == 1 else str(n)
+        table.add_row(case.cell.label, samples, *cells, "" if case.trusted else "distrusted")
+    console.print(table)
+    for line in report_lines(found):
+        console.print(line, highlight=False)
 
 
 def print_chart(chart: Chart) -> None:

@@ -17,6 +17,7 @@ from cgfibre.measure import compaction, distribution, guards
 from cgfibre.measure.contacts import Contacts, CylinderPlaten, FlatPlaten, filament_contacts
 from cgfibre.measure.guards import Guard
 from cgfibre.measure.segments import LineLaw, segment_contacts
+from cgfibre.measure.voids import find_voids
 from cgfibre.mechanics.contact import LineContact
 from cgfibre.plan.contact import OVERLAP_LIMIT
 from cgfibre.plan.model import FREE, Plan, every_bead
@@ -111,7 +112,10 @@ def review_run(
     if extremes is not None and len(extremes.closest):
         found += _extreme_guards(plan, system, extremes)
     found.append(_motion_guard(plan, curve))
-    start = quasi_static_from(plan, system, curve)
+    found += _stop_guards(plan, curve)
+    # a short first loading may never get there, a later one does
+    starts = (quasi_static_from(plan, system, curve.of(k)) for k in range(1, curve.cycles + 1))
+    start = next((s for s in starts if s is not None), None)
     ratio = None
     if start is None:
         limit = float(plan.motion.quasi_static_force(np.array(np.max(curve["displacement_um"])))) * 1e-9
@@ -235,6 +239,28 @@ def _motion_guard(plan: Plan, curve: Curve) -> Guard:
         f"motion as planned: the platen's path differs from the plan's by {share:.1%}: the deck ran with another time "
         "step, speed or number of steps than its plan; judge such runs by plans of their own",
     )
+
+
+def _stop_guards(plan: Plan, curve: Curve) -> list[Guard]:
+    """Whether earlier stops by force or pressure were met before the loading came to the deepest place planned."""
+    found = []
+    for k, target in enumerate(plan.motion.cycles, start=1):
+        own = curve.of(k)
+        stops = (
+            ("force", target.force * 1e-9, "force_top_N", "N"),
+            ("pressure", target.pressure * 1e-3, "pressure_MPa", "MPa"),
+        )
+        for what, limit, column, unit in stops:
+            if math.isinf(limit) or not own.unloading.any():
+                continue
+            peak = float(np.max(own[column], initial=0.0))
+            name = f"stop of cycle {k}"
+            message = (
+                f"{name}: its {what} came to {peak:.3g} of {limit:.3g} {unit} at the deepest place planned, "
+                f"{target.displacement:.4g} um: filaments gave way; ask for less"
+            )
+            found.append(Guard(name, peak >= limit * (1 - 1e-9), peak, limit, message))
+    return found
 
 
 def _slide_guard(plan: Plan, system: FilamentSystem, frames: Frames) -> Guard:
@@ -363,6 +389,13 @@ def frame_statistics(
                 "nearest_neighbour_mean": float(np.mean(near)),
                 "nearest_neighbour_least": float(np.min(near)),
             }
+            room = find_voids(centres, d)
+            row |= {
+                "void_count": len(room),
+                "void_area_mean": float(np.mean(room.area)) if len(room) else 0.0,
+                "void_radius_largest": float(np.max(room.radius, initial=0.0)),
+                "hydraulic_radius": room.hydraulic_radius,
+            }
         row |= _contact_row(plan, system, positions)
         rows.append(row)
     units = {
@@ -371,6 +404,9 @@ def frame_statistics(
         "outline_area": "um2",
         "nearest_neighbour_mean": "um",
         "nearest_neighbour_least": "um",
+        "void_area_mean": "um2",
+        "void_radius_largest": "um",
+        "hydraulic_radius": "um",
         "contact_force_mean": "nN",
         "contact_force_largest": "nN",
     }

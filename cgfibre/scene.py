@@ -704,15 +704,33 @@ def load_scene(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
 def read_tables(source: str | Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
     """The tables of a TOML file or of a shipped scene, named and with overrides, not yet validated."""
     text, name = _source(source)
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError("scene", str(source), _toml_expectation(text, error)) from None
+    data = read_toml(text, "scene", str(source))
     data.setdefault("name", name)
     _insert_files(data, Path(source).parent)
     _override(data, overrides)
     _insert_files(data, Path())
     return data
+
+
+def read_toml(text: str, key: str, source: str) -> dict[str, Any]:
+    """Tables of TOML text; InputError with the line that is wrong, for ``key`` and the ``source`` of the text."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(key, source, _toml_expectation(text, error)) from None
+
+
+def joined_overrides(*groups: Sequence[str]) -> tuple[str, ...]:
+    """Overrides of several groups as one: a later group's take the place of the same keys, and of the alternatives that
+    they replace, in earlier ones; InputError for a text that is no override."""
+    joined: dict[str, str] = {}
+    for group in groups:
+        new = {_override_parts(text)[0]: text for text in group}
+        for key in new:
+            for other in (key, *_SUPERSEDES.get(key, ())):
+                joined.pop(other, None)
+        joined |= new
+    return tuple(joined.values())
 
 
 def scene_from_dict(data: Mapping[str, Any]) -> Scene:
@@ -746,7 +764,7 @@ def scene_description(name: str) -> str:
 def scene_text(name: str) -> str:
     """The TOML of a shipped scene, comments and all; raises :class:`InputError` for an unknown name."""
     if name not in shipped_scenes():
-        raise InputError("scene", name, "the name of a shipped scene" + _meant(name, shipped_scenes()))
+        raise InputError("scene", name, "the name of a shipped scene" + meant(name, shipped_scenes()))
     return resources.files("cgfibre").joinpath("scenes", f"{name}.toml").read_text(encoding="utf-8")
 
 
@@ -767,7 +785,7 @@ def _source(source: str | Path) -> tuple[str, str]:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else "not a text file"
     expected = f"a TOML file that can be read ({reason.lower()})"
     if isinstance(source, str) and path.suffix != ".toml" and os.sep not in source:
-        expected = f"a TOML file or a shipped scene{_meant(source, shipped_scenes()) or ' (cgfibre scenes lists them)'}"
+        expected = f"a TOML file or a shipped scene{meant(source, shipped_scenes()) or ' (cgfibre scenes lists them)'}"
     raise InputError("scene", str(source), expected)
 
 
@@ -782,7 +800,7 @@ def _insert_files(data: dict[str, Any], folder: Path) -> None:
         if not isinstance(table, dict):
             continue
         named = table.get(key)
-        if not isinstance(named, str) or "\n" in named:
+        if not isinstance(named, str) or "\n" in named or not named:
             continue
         try:
             text = (folder / named).read_text(encoding="utf-8-sig")
@@ -806,9 +824,7 @@ def _toml_expectation(text: str, error: tomllib.TOMLDecodeError) -> str:
 def _override(data: dict[str, Any], overrides: Sequence[str]) -> None:
     given = {}
     for text in overrides:
-        key, equals, value = (part.strip() for part in text.partition("="))
-        if not equals or not re.fullmatch(r"\w+(\.\w+)*", key):
-            raise InputError("--set", text, 'table.key=value, such as filament.diameter="9 um"')
+        key, value = _override_parts(text)
         given[key] = _toml_value(value)
     for key, value in given.items():
         for other in _SUPERSEDES.get(key, ()):
@@ -816,6 +832,14 @@ def _override(data: dict[str, Any], overrides: Sequence[str]) -> None:
                 _table(data, other)[0].pop(other.rpartition(".")[2], None)
         table, last = _table(data, key, make=True)
         table[last] = value
+
+
+def _override_parts(text: str) -> tuple[str, str]:
+    """Key and value of an override."""
+    key, equals, value = (part.strip() for part in text.partition("="))
+    if not equals or not re.fullmatch(r"\w+(\.\w+)*", key):
+        raise InputError("--set", text, 'table.key=value, such as filament.diameter="9 um"')
+    return key, value
 
 
 def _toml_value(text: str) -> Any:
@@ -877,8 +901,9 @@ def _expected(loc: Sequence[str], root: type[BaseModel]) -> str:
     if field is None:
         return "a table of keys"
     for metadata in field.metadata:
-        if isinstance(metadata, Value):
-            return metadata.expected
+        expected = getattr(metadata, "expected", None)
+        if isinstance(expected, str):
+            return expected
     if _models(field):
         return f"a table [{'.'.join(loc)}]"
     choices = getattr(field.annotation, "__args__", ())
@@ -893,7 +918,7 @@ def _field(loc: Sequence[str], root: type[BaseModel]) -> FieldInfo | None:
     models: list[type[BaseModel]] = [root]
     field = None
     for key in loc:
-        if key.isdigit():  # a row of a list of tables
+        if key.isdigit():  # a place in a list of tables
             continue
         field = next((m.model_fields[key] for m in models if key in m.model_fields), None)
         if field is None:
@@ -929,7 +954,8 @@ def _all_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
     return keys
 
 
-def _meant(name: str, names: Iterable[str]) -> str:
+def meant(name: str, names: Iterable[str]) -> str:
+    """ " (did you mean ...?)", or nothing where no name looks alike."""
     near = difflib.get_close_matches(name, list(names), n=3)
     return f" (did you mean {' or '.join(near)}?)" if near else ""
 

@@ -209,8 +209,10 @@ class LawText:
             self.read, serialization=core_schema.plain_serializer_function_ser_schema(self.write)
         )
 
-    def read(self, value: object) -> LawRows:
-        """The law; an error that pydantic carries if it is no such table."""
+    def read(self, value: object) -> LawRows | None:
+        """The law, none of an empty text; an error that pydantic carries if it is no such table."""
+        if value == "":
+            return None
         if not isinstance(value, str) or "\n" not in value:
             raise refusal("", value, self.expected)
         try:

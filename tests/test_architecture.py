@@ -23,12 +23,13 @@ LAYERS = [
     {"plan", "measure", "plot", "store"},
     {"engine"},
     {"review_fabric"},
-    {"review", "cases", "plot_fabric", "plot_friction", "plot_towtest", "plot_weave"},
+    {"review", "cases", "plot_fabric", "plot_friction", "plot_section", "plot_study", "plot_towtest", "plot_weave"},
     {"pictures_fabric"},
     {"pictures", "certify"},
     {"workflow", "stability", "micrograph", "signals", "towtest"},
     {"capstan"},
-    {"chart"},
+    {"sweep"},
+    {"chart", "study"},
     {"doctor", "report"},
     {"cli"},
     {"__main__"},
@@ -86,7 +87,7 @@ def users(library):
 def test_one_place_knows_each_library():
     assert users("h5py") == {"store"}
     assert users("MDAnalysis") == {"store"}
-    assert users("matplotlib") == {"plot", "plot_fabric", "plot_weave"}
+    assert users("matplotlib") == {"plot", "plot_fabric", "plot_section", "plot_weave"}
     assert users("pint") == {"units"}
     assert users("click") == {"cli"}
     assert users("rich") <= {"report"}

@@ -14,7 +14,7 @@ from conftest import cgfibre_command, cgfibre_environment
 from test_certify import curve_of, engines_of, wait_for_none
 from test_workflow import wait_for
 
-from cgfibre import chart, plot, store, workflow
+from cgfibre import chart, plot, store, sweep, workflow
 from cgfibre.cases.experiment import Measured
 from cgfibre.cases.pressing import pressed_alone
 from cgfibre.chart import ChartOptions, Yardstick, chart_scene, pareto_front
@@ -262,13 +262,13 @@ def test_going_on_runs_nothing_again_and_finishes_what_was_cut_short(charted, ti
     found, options, _ = charted
     out = shutil.copytree(options.out, tmp_path / "copy")
     ran = []
-    run_scene = chart.run_scene
+    run_scene = sweep.run_scene
 
     def counted(source, own, *arguments, **more):
         ran.append(own.out.name)
         return run_scene(source, own, *arguments, **more)
 
-    monkeypatch.setattr(chart, "run_scene", counted)
+    monkeypatch.setattr(sweep, "run_scene", counted)
     again = chart_scene(tiny, ChartOptions(**{**vars(options), "out": out}), SHALLOW)
     assert ran == [] and str(again.rows) == str(found.rows)  # nan is not itself
     # a run without its summary was cut short; one of another plan is of another version
@@ -325,14 +325,14 @@ def test_results_made_elsewhere_are_drawn_beside_it(charted, tiny, tmp_path, fin
 
 
 def test_a_variant_that_the_engine_gives_up_is_left_out_and_the_chart_is_drawn(tiny, tmp_path, monkeypatch):
-    run_scene = chart.run_scene
+    run_scene = sweep.run_scene
 
     def fails(source, own, *arguments, **more):
         if own.out.name.startswith("section"):
             raise EngineError("Lost atoms", "halve the time step")
         return run_scene(source, own, *arguments, **more)
 
-    monkeypatch.setattr(chart, "run_scene", fails)
+    monkeypatch.setattr(sweep, "run_scene", fails)
     options = ChartOptions(tmp_path / "x", seeds=1, reference_accuracy=0.2, only=("section-0.05", "chain-beads-D-0.2"))
     found = chart_scene(tiny, options, SHALLOW)
     assert found.left_out == (("section-0.05-1", "the engine stopped: Lost atoms"),)

@@ -4,8 +4,17 @@ import numpy as np
 import pytest
 
 from cgfibre.errors import InputError
-from cgfibre.measure.compaction import PowerLaw
-from cgfibre.mechanics.compaction_laws import THESIS_LAW, AlignedBed, Conditions, EmpiricalLaw, FibreBed
+from cgfibre.measure.compaction import LABORATORIES, PowerLaw, compare_thickness
+from cgfibre.mechanics.compaction_laws import (
+    DEVIATION,
+    THESIS_LAW,
+    AlignedBed,
+    Conditions,
+    EmpiricalLaw,
+    FibreBed,
+    beyond_tests,
+    most_anvil_pressure,
+)
 
 SOFT = Conditions(1.5, 0.26, 10)
 
@@ -96,3 +105,31 @@ def test_bad_input_names_the_key(call, key):
     with pytest.raises(InputError) as caught:
         call()
     assert caught.value.key == key
+
+
+def test_range_of_the_tests():
+    assert beyond_tests(Conditions(12, 0.55, 50)) == () == beyond_tests(SOFT)
+    (tow,) = beyond_tests(Conditions(0.127, 0.3, 20))
+    assert tow == "tow 0.127 thousand filaments (tested 1.5 to 12)"
+    assert len(beyond_tests(Conditions(24, 0.0, 60))) == 3
+    # 12 N on 0.5 mm of a tow 6.5 mm wide, and of one that is round and solid
+    assert most_anvil_pressure(6.5) == pytest.approx(3.69, abs=0.01)
+    assert most_anvil_pressure(np.sqrt(12000) * 7e-3) == pytest.approx(31.3, abs=0.1)
+
+
+def test_thickness_at_fixed_pressure_beside_the_law():
+    at, p = Conditions(12, 0.26, 50), np.geomspace(1e-3, 50, 400)
+    law = THESIS_LAW.thickness(70.0, p, at)
+    grid = np.array([0.1, 1.0, 10.0, 100.0])
+    # a tow that follows the law: the curve starts at a strain that is not zero, so its own start counts
+    start = THESIS_LAW.thickness(1.0, p[0], at)
+    same = compare_thickness(np.r_[70.0, law], np.r_[0.0, p], THESIS_LAW, at, grid)
+    assert same.deviation[:3] == pytest.approx(0, abs=1e-4) and np.isnan(same.measured[3])
+    assert same.within.tolist() == [True, True, True, False]
+    late = compare_thickness(law, p, THESIS_LAW, at, grid[:3])
+    assert late.deviation == pytest.approx(1 / start - 1, rel=1e-3)
+    # the band: 8 % of the strain and 4 % of the thickness
+    eps = THESIS_LAW.strain(1.0, at)
+    assert same.low[1] == pytest.approx((1 - eps * (1 + DEVIATION)) * (1 - LABORATORIES))
+    assert same.high[1] == pytest.approx((1 - eps * (1 - DEVIATION)) * (1 + LABORATORIES))
+    assert not compare_thickness([1.0, 0.99], [0.0, 20.0], THESIS_LAW, at, [10.0]).within[0]

@@ -153,7 +153,7 @@ def test_a_cycle_is_a_curve_of_its_own(bench):
     assert curve.of(2)["work_J"][-1] - curve.of(2)["work_J"][0] == work[last] - work[first - 1]
 
 
-def test_what_an_earlier_version_wrote_is_still_read(finished, tmp_path):
+def test_what_an_earlier_version_wrote_is_still_read(bench, finished, tmp_path):
     """Records without leg, phase and time: phases from the displacement."""
     folder = tmp_path / "deck"
     shutil.copytree(finished.out / "deck", folder)
@@ -211,3 +211,32 @@ def test_a_picture_tells_the_cycles_apart(bench):
     assert sum(len(line.get_xdata()) for line in lines) == len(curve) + 5
     labels = [t.get_text() for t in ax.get_legend().get_texts()]
     assert labels == ["top platen", "loadings 1 to 2", "unloading"]
+
+
+def test_a_cycle_that_does_not_come_to_its_force_is_said(bench):
+    """Nothing carries 1 N/mm in 0.5 um: the loading goes to the deepest place planned, and on from there."""
+    cycles = 'platens.cycles=[{line_force="1 N/mm"}, {force="0.2 mN"}]'
+    run = bench.run("run", "model.level=section", cycles, "platens.stop.displacement=0.5 um")
+    guards = {g["name"]: g for g in run.summary["guards"]}
+    assert not guards["stop of cycle 1"]["ok"] and not run.trusted
+    assert "of 0.07 N at the deepest place planned, 0.5 um" in guards["stop of cycle 1"]["message"]
+    assert guards["stop of cycle 2"]["ok"]
+    assert run.curve.cycles == 3
+
+
+def test_a_short_first_loading_does_not_condemn_the_run(bench):
+    """What is not quasi-static in the first cycle is judged by the first one that gets there."""
+    speed, cycles = "platens.speed=0.3 m/s", 'platens.cycles=[{displacement="0.3 um"}]'
+    run = bench.run("run", "model.level=section", speed, cycles, "platens.stop.displacement=5 um")
+    assert not any("quasi-static" in w for w in run.summary["warnings"])
+    assert run.summary["quasi_static_from_um"] > 0.3
+
+
+def test_loose_discs_stay_where_they_were_pressed_and_the_next_loading_begins_there(bench):
+    """A periodic cell has no springs: what is pressed sideways stays, and the second loading is stiffer."""
+    cell = ("model.level=section", "ends.support=symmetry", "platens.width=full", "platens.speed=0.1 m/s")
+    run = bench.run("run", *cell, 'platens.cycles=[{displacement="5 um"}]', "platens.stop.displacement=6 um")
+    first, second = run.summary["fits"]["cycles"]
+    assert first["set_um"] > 3
+    assert run.curve.of(2)["displacement_um"][1] > first["set_um"] - 0.2
+    assert second["work_J"] > 0

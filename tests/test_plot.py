@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from measure_systems import D, bundle_between, pressed, rings, straight, system_of
 
-from cgfibre import plot
+from cgfibre import plot, plot_section
 from cgfibre.errors import InputError
 from cgfibre.measure import distribution as ds
+from cgfibre.measure.voids import find_voids, fraction_map
 from cgfibre.record import CURVE_COLUMNS, Curve
 
 
@@ -47,7 +48,7 @@ def sections_of(states):
     out = []
     for c, name in zip(states, ("before", "during", "after"), strict=True):
         half = ds.bundle_size(c, D)[1] / 2
-        out.append(plot.Section(c, D, -half, half, ds.local_volume_fraction(c, D, reach=D), name))
+        out.append(plot_section.Section(c, D, -half, half, ds.local_volume_fraction(c, D, reach=D), name))
     return out
 
 
@@ -86,10 +87,10 @@ def test_curve_refuses_an_unknown_axis():
 
 def test_section_draws_discs_at_true_scale(states):
     ax = plot.new_axes(5, 4)
-    plot.plot_section(ax, sections_of(states)[2])
+    plot_section.plot_section(ax, sections_of(states)[2])
     assert len(ax.collections[0].get_offsets()) == 127
     # one disc alone: it covers pi D^2/4 of the page's scale
-    ax = plot.plot_section(plot.new_axes(5, 4), plot.Section(np.zeros((1, 2)), D))
+    ax = plot_section.plot_section(plot.new_axes(5, 4), plot_section.Section(np.zeros((1, 2)), D))
     ax.figure.canvas.draw()
     colour = np.asarray(ax.figure.canvas.buffer_rgba())[..., :3].astype(int)
     covered = (np.abs(colour - [0x9A, 0xA5, 0xB1]).sum(axis=2) < 60).sum()
@@ -101,14 +102,14 @@ def test_section_draws_discs_at_true_scale(states):
 
 def test_section_leaves_out_filaments_that_are_not_there():
     c = np.array([[0, 0], [np.nan, np.nan], [D, 0]])
-    ax = plot.plot_section(plot.new_axes(), plot.Section(c, D, values=np.array([1.0, 2.0, 3.0])))
+    ax = plot_section.plot_section(plot.new_axes(), plot_section.Section(c, D, values=np.array([1.0, 2.0, 3.0])))
     assert len(ax.collections[0].get_offsets()) == 2
     with pytest.raises(InputError, match="centres"):
-        plot.plot_section(plot.new_axes(), plot.Section(c * np.nan, D))
+        plot_section.plot_section(plot.new_axes(), plot_section.Section(c * np.nan, D))
 
 
 def test_three_sections_share_scale_and_colour_bar(states):
-    fig = plot.figure_sections(sections_of(states), plot.Colours("Local fibre volume fraction (1)", 0.4, 0.9))
+    fig = plot_section.figure_sections(sections_of(states), plot.Colours("Local fibre volume fraction (1)", 0.4, 0.9))
     panels, bar = fig.axes[:3], fig.axes[3:]
     assert len(bar) == 1 and bar[0].get_ylabel() == "Local fibre volume fraction (1)"
     assert len({(*a.get_xlim(), *a.get_ylim()) for a in panels}) == 1
@@ -117,13 +118,47 @@ def test_three_sections_share_scale_and_colour_bar(states):
     assert np.ptp([w[1, 0] - w[0, 0] for w in widths]) < 1e-6
     assert [a.get_title() for a in panels] == ["before", "during", "after"]
     with pytest.raises(InputError, match="sections"):
-        plot.figure_sections([])
+        plot_section.figure_sections([])
 
 
 def test_wide_sections_stand_one_above_the_other():
     c = np.stack(np.meshgrid(np.arange(40) * D, np.arange(3) * D), axis=-1).reshape(-1, 2)
-    fig = plot.figure_sections([plot.Section(c, D, -D / 2, 2.5 * D), plot.Section(c, D, -D / 2, 2.5 * D)])
+    fig = plot_section.figure_sections(
+        [plot_section.Section(c, D, -D / 2, 2.5 * D), plot_section.Section(c, D, -D / 2, 2.5 * D)]
+    )
     assert len(fig.axes) == 2 and fig.axes[0].get_subplotspec().get_geometry()[:2] == (2, 1)
+
+
+def test_voids_fill_the_room_between_the_discs():
+    c = np.stack(np.meshgrid(np.arange(6) * 2 * D, np.arange(6) * 2 * D), axis=-1).reshape(-1, 2)
+    found = find_voids(c, D, probe=D)
+    picture = plot_section.VoidPicture(found.corners, found.radius[found.void])
+    ax = plot.new_axes(5, 5)
+    scale = plot.Colours("r", 0.0, 2 * float(found.radius.max()), "Reds")
+    plot_section.plot_voids(ax, plot_section.Section(c, D), picture, scale)
+    fig = ax.figure
+    fig.canvas.draw()
+    seen = np.asarray(fig.canvas.buffer_rgba())[..., :3].astype(int)
+    colour = np.array(scale.mappable().to_rgba(float(found.radius[0]))[:3]) * 255
+    corner = ax.transData.transform([[0, 0], [D, D]])
+    pixels = np.sum(np.abs(seen - colour).sum(axis=2) < 12) / np.prod(corner[1] - corner[0]) * D**2
+    assert pixels == pytest.approx(found.area.sum(), rel=0.05)  # outlines of discs cover some
+
+
+def test_fraction_map_is_drawn_at_its_place(states):
+    m = fraction_map(states[0], D, 2.0, 20.0)
+    ax = plot_section.plot_fraction_map(plot.new_axes(), m.y, m.z, m.fraction, plot.Colours("Vf", 0, 1))
+    (mesh,) = ax.collections
+    assert mesh.get_array().shape == m.fraction.shape and ax.get_aspect() == 1
+    assert ax.get_xlim() == pytest.approx((m.y[0], m.y[-1]))
+
+
+def test_counts_show_bands_and_single_samples():
+    n = np.array([127.0, 547, 11719])
+    series = plot_section.CountSeries("y", n, np.array([0.6, 0.5, 0.5]), np.array([0.01, 0.01, np.nan]))
+    ax = plot_section.plot_against_count(plot.new_axes(), [series], "S.d. (1)")
+    assert ax.get_xscale() == "log" and len(ax.containers) == 1
+    assert ax.lines[-1].get_xdata().tolist() == [11719]
 
 
 def test_energy_stacks_to_the_work():
@@ -137,7 +172,7 @@ def test_energy_stacks_to_the_work():
 def test_distribution_histograms_are_densities(states):
     n = ds.normalisation(states[0], D)
     fits = [ds.fit_distribution(c, n) for c in (states[0], states[2])]
-    fig = plot.figure_distribution(*fits)
+    fig = plot_section.figure_distribution(*fits)
     for axis, ax in enumerate(fig.axes):
         bars = [sum(b.get_width() * b.get_height() for b in group) for group in ax.containers]
         assert bars == pytest.approx([1, 1])
@@ -212,12 +247,12 @@ def test_the_five_figures_of_a_run_are_quick_and_leave_the_settings_alone(states
     began = time.perf_counter()
     figures = {
         "curve": plot.plot_curve(plot.new_axes(), curve, plot.CurveView(speed_error=0.04)).figure,
-        "sections": plot.figure_sections(sections, colours),
+        "sections": plot_section.figure_sections(sections, colours),
         "bundle": plot.figure_bundle_3d(
             s, s.positions, plot.BundleView(values=sections[2].values, colours=colours, platens=faces)
         ),
         "energy": plot.plot_energy(plot.new_axes(), curve).figure,
-        "distribution": plot.figure_distribution(*fits),
+        "distribution": plot_section.figure_distribution(*fits),
     }
     for name, fig in figures.items():
         fig.savefig(tmp_path / f"{name}.png")

@@ -474,7 +474,8 @@ BAD = [
     # things along the length have no meaning in a section
     (SECTION | TWIST, "assembly.twist", "no length along the filaments"),
     (SECTION | {"assembly.migration": {"period": "1 mm"}}, "assembly.migration", "no length along"),
-    (SECTION | CRIMPED, "platens.shape", "no length along the filaments"),
+    (CRIMPED | {"platens.crimp_width": "50 um"}, "platens.crimp_width", "with level = 'section'"),
+    ({"platens.crimp_width": "50 um"}, "platens.crimp_width", "shape = 'flat'"),
     (SECTION | {"model.spacing": "7 um"}, "model.spacing", "a section has no filament length"),
     (SECTION | {"model.torsion": "dihedral"}, "model.torsion", "a section has no filament length"),
     (SECTION | {"model.far_field": "graded"}, "model.far_field", "no length along the filaments"),

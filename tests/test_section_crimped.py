@@ -56,7 +56,7 @@ def test_two_discs_under_a_curved_platen(bench, curvature):
     c = run.curve
     exact = two_discs(plan.springs[0], plan.platens.kn, c["displacement_um"], 60.0, curvature == "convex")
     late = c["displacement_um"] > 1.0
-    assert c["force_top_N"][late] == pytest.approx(exact[late] * 1e-9, rel=0.01)
+    assert c["force_top_N"][late] == pytest.approx(exact[late] * 1e-9, rel=5e-4)
     flat = 2 * plan.springs[0] * c["displacement_um"] * 1e-9
     assert np.all(c["force_top_N"][late] < 0.95 * flat[late]), "they give way sideways"
     assert run.summary["warnings"] == [] or not any("platen" in w for w in run.summary["warnings"])

@@ -48,7 +48,8 @@ class Distribution:
         return np.asarray(np.exp(-(z**2) / 2) / (self.sd[axis] * np.sqrt(2 * np.pi)))
 
 
-def _centres(centres: ArrayLike, least: int = 1) -> FloatArray:
+def checked_centres(centres: ArrayLike, least: int = 1) -> FloatArray:
+    """Centres as an array (n, 2); InputError for another shape, fewer than ``least`` or values that are not finite."""
     c = np.asarray(centres, dtype=float)
     if c.ndim != 2 or c.shape[1] != 2 or len(c) < least:
         raise InputError("centres", c.shape, f"shape (n, 2) with n at least {least}")
@@ -57,7 +58,8 @@ def _centres(centres: ArrayLike, least: int = 1) -> FloatArray:
     return c
 
 
-def _radii(diameter: ArrayLike, n: int, zero: bool = False) -> FloatArray:
+def checked_radii(diameter: ArrayLike, n: int, zero: bool = False) -> FloatArray:
+    """(n,) radii of one diameter or n; InputError for others and for those not above zero (``zero``: below it)."""
     d = np.asarray(diameter, dtype=float)
     if d.ndim > 1 or (d.ndim == 1 and len(d) != n) or not np.all(d >= 0 if zero else d > 0):
         raise InputError("diameter", diameter, f"one value or {n} values, above zero")
@@ -101,8 +103,8 @@ def bundle_size(centres: ArrayLike, diameter: ArrayLike) -> tuple[float, float]:
 
     ``centres`` (n, 2) um; ``diameter`` one value or (n,), um.
     """
-    c = _centres(centres)
-    r = _radii(diameter, len(c))[:, None]
+    c = checked_centres(centres)
+    r = checked_radii(diameter, len(c))[:, None]
     size = (c + r).max(axis=0) - (c - r).min(axis=0)
     return float(size[0]), float(size[1])
 
@@ -114,8 +116,8 @@ def normalisation(centres: ArrayLike, diameter: ArrayLike) -> Normalisation:
     divides by the largest coordinate of a centre instead: pass ``diameter=0`` for that. Raises InputError where a half
     size would then be zero.
     """
-    c = _centres(centres)
-    r = _radii(diameter, len(c), zero=True)[:, None]
+    c = checked_centres(centres)
+    r = checked_radii(diameter, len(c), zero=True)[:, None]
     low, high = (c - r).min(axis=0), (c + r).max(axis=0)
     if np.any(high <= low):
         raise InputError("diameter", diameter, "above zero for a bundle of one row or column")
@@ -129,7 +131,7 @@ def fit_distribution(centres: ArrayLike, reference: Normalisation) -> Distributi
     after alike. Coordinates of the reference state lie in -1..1 (the thesis' "between 0 and 1" is their magnitude). A
     coordinate that does not vary (a single row) has sd 0, ks_distance 1 and r_squared nan.
     """
-    coordinates = (_centres(centres, least=3) - reference.centre) / reference.half_size
+    coordinates = (checked_centres(centres, least=3) - reference.centre) / reference.half_size
     mean, sd = coordinates.mean(axis=0), coordinates.std(axis=0, ddof=1)
     ks, r2 = np.ones(2), np.full(2, np.nan)
     n = len(coordinates)
@@ -150,7 +152,7 @@ def polygon_area(vertices: ArrayLike) -> float:
 
     With the centres of the outer layer in order this is the area of the thesis: ``polygon_area(centres[outer])``.
     """
-    v = _centres(vertices, least=3)
+    v = checked_centres(vertices, least=3)
     v = v - v[0]
     following = np.roll(v, -1, axis=0)
     return float(abs(np.sum(v[:, 0] * following[:, 1] - v[:, 1] * following[:, 0])) / 2)
@@ -162,8 +164,8 @@ def outline(centres: ArrayLike, diameter: ArrayLike) -> FloatArray:
     The outermost point of the discs in each of :data:`N_DIRECTIONS` directions; inscribed in the exact hull. Defined
     for a single filament or a row as well. ``diameter`` one value or (n,), um.
     """
-    c = _centres(centres)
-    r = _radii(diameter, len(c))
+    c = checked_centres(centres)
+    r = checked_radii(diameter, len(c))
     angle = 2 * np.pi * np.arange(N_DIRECTIONS) / N_DIRECTIONS
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     farthest = np.argmax(c @ direction.T + r[:, None], axis=0)
@@ -221,8 +223,8 @@ def local_volume_fraction(centres: ArrayLike, diameter: ArrayLike, reach: float 
     value or (n,). Inside a hexagonal lattice of pitch p it is pi D^2/(2 sqrt(3) p^2). Raises InputError for coincident
     centres.
     """
-    c = _centres(centres)
-    r = _radii(diameter, len(c))
+    c = checked_centres(centres)
+    r = checked_radii(diameter, len(c))
     hull = outline(c, diameter)
     middle = hull.mean(axis=0)
     c, hull = c - middle, hull - middle
@@ -261,8 +263,8 @@ def local_volume_fraction(centres: ArrayLike, diameter: ArrayLike, reach: float 
 
 def coordination_number(centres: ArrayLike, diameter: ArrayLike, tolerance: float) -> IntArray:
     """(n,) neighbours of each filament whose surfaces are at most ``tolerance`` um apart (0: touching)."""
-    c = _centres(centres)
-    r = _radii(diameter, len(c))
+    c = checked_centres(centres)
+    r = checked_radii(diameter, len(c))
     pairs = cKDTree(c).query_pairs(2 * r.max() + tolerance, output_type="ndarray")
     gap = np.linalg.norm(c[pairs[:, 0]] - c[pairs[:, 1]], axis=1) - r[pairs[:, 0]] - r[pairs[:, 1]]
     return np.bincount(pairs[gap <= tolerance].ravel(), minlength=len(c)).astype(np.int64)
@@ -270,5 +272,5 @@ def coordination_number(centres: ArrayLike, diameter: ArrayLike, tolerance: floa
 
 def nearest_neighbour_distance(centres: ArrayLike) -> FloatArray:
     """(n,) distance in um from each centre to the nearest other one; n at least 2."""
-    c = _centres(centres, least=2)
+    c = checked_centres(centres, least=2)
     return np.asarray(cKDTree(c).query(c, k=[2])[0], dtype=np.float64).ravel()

@@ -90,9 +90,70 @@ class EmpiricalLaw:
             raise InputError("pressure", given, f"below {most:.4g} MPa, where the law ends")
         return np.asarray(positive("initial", initial) * (1 - strain))
 
+    def thickness_band(
+        self, pressure: npt.ArrayLike, at: Conditions, deviation: float | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """(low, high) thickness over the initial one where the strain errs by ``deviation`` (None: the thesis' 8 %)."""
+        strain = self.strain(pressure, at)
+        share = DEVIATION if deviation is None else float(non_negative("deviation", deviation))
+        return np.maximum(1 - strain * (1 + share), 0.0), np.maximum(1 - strain * (1 - share), 0.0)
+
 
 #: the constants printed in the thesis, T700 carbon tows of 1.5k to 12k
 THESIS_LAW = EmpiricalLaw()
+#: largest deviation of the thesis' tests from its law, of the strain (5.4.5)
+DEVIATION = 0.08
+#: least and most of what was tested (5.3.2): thousands of filaments, turns/cm, cN
+TESTED = (Conditions(1.5, 0.26, 10.0), Conditions(12.0, 0.55, 50.0))
+#: the anvil along the tow, mm, and the force at which it turned back, N (5.3.1)
+ANVIL_WIDTH, ANVIL_FORCE = 0.5, 12.0
+
+
+def beyond_tests(at: Conditions) -> tuple[str, ...]:
+    """What of these conditions lies outside the tests behind the thesis' law, each as a phrase; empty within them."""
+    low, high = TESTED
+    names = {"tow": "thousand filaments", "twist": "turns/cm", "preload": "cN"}
+    return tuple(
+        f"{key} {getattr(at, key):g} {unit} (tested {getattr(low, key):g} to {getattr(high, key):g})"
+        for key, unit in names.items()
+        if not getattr(low, key) <= getattr(at, key) <= getattr(high, key)
+    )
+
+
+def most_anvil_pressure(width: npt.ArrayLike) -> FloatArray:
+    """Highest mean pressure that the thesis' tester can put on a tow ``width`` mm wide, MPa: 12 N/(0.5 mm x width).
+
+    A 12k tow of 0.45 mm2 of fibre cannot be narrower than 0.77 mm (solid and round), so 31 MPa at most, and 3.7 MPa at
+    the 6.5 mm of its flat section. ERRATUM: the 50, 100 and 200 MPa at which trends of 12k tows are quoted (5.4.4,
+    5.4.5) are beyond either.
+    """
+    return ANVIL_FORCE / (ANVIL_WIDTH * positive("width", width))
+
+
+@dataclass(frozen=True)
+class FrictionPower:
+    """Thickness of a section of filaments under a force per width: t = c P^(a mu - b) (thesis Eqs 7-6).
+
+    t and c in mm, P in N/mm, mu the friction between filaments (a = 0: none felt). P = 1 N/mm gives c whatever mu is.
+    """
+
+    c: float
+    a: float
+    b: float
+
+    def __post_init__(self) -> None:
+        positive("c", self.c)
+        finite("a", self.a)
+        finite("b", self.b)
+
+    def thickness(self, load: npt.ArrayLike, friction: npt.ArrayLike) -> FloatArray:
+        """Thickness at a load (N/mm) and a friction coefficient, mm."""
+        exponent = self.a * non_negative("friction", friction) - self.b
+        return np.asarray(self.c * positive("load", load) ** exponent)
+
+
+#: the thesis' fits for dry filaments (mu 0.20..0.48) and wet ones (0.02..0.18), 127 in a circle
+THESIS_DRY, THESIS_WET = FrictionPower(0.08, 0.12, 0.21), FrictionPower(0.08, 0.0, 0.22)
 
 
 @dataclass(frozen=True)
