@@ -33,6 +33,8 @@ SHIPPED = [
     "carbon-12k-3d",
     "carbon-12k-section",
 ]
+#: see test_weave_scene.py
+WEAVES = ["carbon-satin", "carbon-weave", "glass-twill", "glass-weave", "nylon-weave", "nylon-weave-filaments"]
 ABSENT = object()
 CENTRES = "y_um,z_um\n0.1,0.2\n7.5,0.0\n-3.0,7.25\n"
 FILE = {"assembly.arrangement": "file", "assembly.centres": CENTRES, "assembly.count": ABSENT,
@@ -181,8 +183,8 @@ def test_a_scene_is_frozen():
 
 def test_all_scenes_ship_in_natural_order():
     names = shipped_scenes()
-    assert set(names) == {*SHIPPED, "capstan-column"}
-    assert names.index("capstan-column") == 0 and names.index("carbon-2") == 1 and names[-1] == "carbon-12k-section"
+    assert set(names) == {*SHIPPED, *WEAVES, "capstan-column"}
+    assert names.index("capstan-column") == 0 and names.index("carbon-2") == 1 and names[-1] == "nylon-weave-filaments"
     assert names.index("carbon-19") < names.index("carbon-37") < names.index("carbon-127")
 
 
