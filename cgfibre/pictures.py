@@ -86,7 +86,7 @@ def draw_all(
         fits = [distribution.fit_distribution(c, reference) for c in (before, after) if len(c) >= 3]
         if len(fits) == 2:
             made.append(_save(plot_section.figure_distribution(*fits), out / "distribution.png"))
-    if plan.level != "section":
+    if not plan.flat:
         made.append(_bundle(out, scene, plan, system, frames, peak, heights))
     return made
 

@@ -51,6 +51,10 @@ from cgfibre.scene_values import (
     Value,
     refusal,
 )
+from cgfibre.subbundle_law import shipped_laws
+
+#: levels of a cross-section, which have no length along the filaments
+FLAT = ("section", "subbundle")
 
 T = TypeVar("T", bound=BaseModel)
 
@@ -237,7 +241,7 @@ class Model(Table):
     ``most_steps`` of loading bound what an automatic platen speed may cost, whatever accuracy asks for.
     """
 
-    level: Literal["auto", "chain", "rod", "section"] = "auto"
+    level: Literal["auto", "chain", "rod", "section", "subbundle"] = "auto"
     resolve: Literal["auto", "tow", "filament"] = "auto"
     spacing: AutoLength = "auto"
     accuracy: Annotated[float, Value(least=0.001, most=0.5)] = 0.05
@@ -249,18 +253,19 @@ class Model(Table):
     most_steps: AutoSteps = "auto"
     speed_check: bool = False
     depth: AutoLength = "auto"
-    spring: Literal["exact", "thesis"] = "exact"
+    spring: Literal["auto", "exact", "thesis", "elastica"] = "auto"
     torsional_spring: Literal["exact", "thesis", "none"] = "exact"
 
     @model_validator(mode="after")
     def _consistent(self) -> Model:
         section = ("depth", "spring", "torsional_spring")
         along = ("spacing", "axial_softening", "torsion", "symmetry")
-        for key in along if self.level == "section" else section:
+        flat = self.level in FLAT
+        for key in along if flat else section:
             if getattr(self, key) == type(self).model_fields[key].default:
                 continue
-            if self.level == "section":
-                expected = "no such key with level = 'section': a section has no filament length"
+            if flat:
+                expected = f"no such key with level = {self.level!r}: a section has no filament length"
             else:
                 expected = f"no such key with level = {self.level!r}: it belongs to level = 'section'"
             raise refusal(key, self._shown(key), expected)
@@ -511,18 +516,18 @@ def _check_shape(scene: Scene) -> None:
     if law == "hertz" and shape == "capsule":
         expected = "'auto', 'line' or 'hooke' with contact.shape = 'capsule': hertz is for beads"
         raise refusal("contact.law", law, expected)
-    if law == "line" and (shape == "beads" or level == "section"):
-        where = "contact.shape = 'beads'" if shape == "beads" else "level = 'section'"
+    if law == "line" and (shape == "beads" or level in FLAT):
+        where = "contact.shape = 'beads'" if shape == "beads" else f"level = {level!r}"
         raise refusal("contact.law", law, f"'auto', 'hooke' or 'hertz' with {where}: the line law is for capsules")
     if scene.contact.kinetic_friction is not None and scene.contact.kinetic_friction > scene.contact.friction:
         expected = f"at most contact.friction, {scene.contact.friction:g}"
         raise refusal("contact.kinetic_friction", scene.contact.kinetic_friction, expected)
     for key in ("kinetic_friction", "friction_by_angle"):
-        if getattr(scene.contact, key) is not None and (shape == "beads" or level == "section" or law == "hertz"):
+        if getattr(scene.contact, key) is not None and (shape == "beads" or level in FLAT or law == "hertz"):
             expected = "no such key: it belongs to contact.shape = 'capsule' and the levels chain and rod"
             raise refusal(f"contact.{key}", Abridged("(given)"), expected)
-    if shape == "capsule" and level == "section":
-        raise refusal("contact.shape", shape, "'auto' or 'beads' with level = 'section': its filaments are discs")
+    if shape == "capsule" and level in FLAT:
+        raise refusal("contact.shape", shape, f"'auto' or 'beads' with level = {level!r}: it is made of discs")
 
 
 def _check_torsion(scene: Scene) -> None:
@@ -562,7 +567,11 @@ def _check_far_field(scene: Scene) -> None:
 
 def _check_section(scene: Scene) -> None:
     """What needs a length along the filaments has no meaning in a section."""
-    if scene.model.level != "section":
+    level = scene.model.level
+    if level != "subbundle" and scene.bundle.subbundle is not None:
+        expected = "no such table, but with model.level = 'subbundle'"
+        raise refusal("assembly.subbundle", Abridged("{...}"), expected)
+    if level not in FLAT:
         return
     bundle, none_along = scene.bundle, "a section has no length along the filaments (or level = 'chain' or 'rod')"
     if bundle.twist != 0.0:
@@ -572,14 +581,19 @@ def _check_section(scene: Scene) -> None:
     if scene.model.far_field in ("graded", "condensed"):
         raise refusal("model.far_field", scene.model.far_field, f"'auto' or 'none': {none_along}")
     periodic = scene.ends.support == "symmetry" and scene.platens.width == "full"
+    if level == "subbundle" and scene.platens.shape != "flat":
+        expected = "'flat' with model.level = 'subbundle' (or 'section', whose platens may be curved)"
+        raise refusal("platens.shape", scene.platens.shape, expected)
     if scene.ends.support != "simply-supported" and not periodic:
         expected = (
-            "'simply-supported' with level = 'section' (its springs are those of such filaments), or 'symmetry' with "
+            f"'simply-supported' with level = {level!r} (its springs are those of such filaments), or 'symmetry' with "
             "platens.width = 'full'"
         )
         raise refusal("ends.support", scene.ends.support, expected)
     if scene.contact.law == "hertz":
-        expected = "'auto' or 'hooke' with level = 'section': parallel filaments touch along lines, hertz is for points"
+        expected = (
+            f"'auto' or 'hooke' with level = {level!r}: parallel filaments touch along lines, hertz is for points"
+        )
         raise refusal("contact.law", "hertz", expected)
 
 
@@ -670,9 +684,7 @@ Scene.CHECKS = (
 # --- reading ---------------------------------------------------------------------------------------------------------
 
 #: known to the interface, refused here
-_LATER: dict[tuple[str, str], str] = {
-    ("model.level", "subbundle"): "sub-bundles are not in this version",
-}
+_LATER: dict[tuple[str, str], str] = {}
 
 _STOP = tuple(f"platens.stop.{key}" for key in Stop.model_fields)
 _PACKING = ("assembly.pitch", "assembly.void_fraction", "assembly.fibre_volume_fraction")
@@ -707,8 +719,10 @@ def read_tables(source: str | Path, overrides: Sequence[str] = ()) -> dict[str, 
     data = read_toml(text, "scene", str(source))
     data.setdefault("name", name)
     _insert_files(data, Path(source).parent)
+    _insert_law(data, Path(source).parent)
     _override(data, overrides)
     _insert_files(data, Path())
+    _insert_law(data, Path())
     return data
 
 
@@ -812,6 +826,21 @@ def _insert_files(data: dict[str, Any], folder: Path) -> None:
             reason = error.strerror if isinstance(error, OSError) and error.strerror else "not a text file"
             raise InputError(f"{name}.{key}", named, f"{expected} ({reason.lower()})") from None
         data[name] = {**table, key: text.strip() + "\n"}
+
+
+def _insert_law(data: dict[str, Any], folder: Path) -> None:
+    """Put the text of the file that assembly.subbundle.law names in its place."""
+    assembly = data.get("assembly")
+    table = assembly.get("subbundle") if isinstance(assembly, dict) else None
+    named = table.get("law") if isinstance(table, dict) else None
+    if not isinstance(table, dict) or not isinstance(named, str) or "\n" in named or named in shipped_laws():
+        return
+    try:
+        table["law"] = (folder / named).read_text(encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else "not a text file"
+        expected = f"a sub-bundle law: a file that can be read ({reason.lower()}) or {_one_of(shipped_laws())}"
+        raise InputError("assembly.subbundle.law", named, expected) from None
 
 
 def _toml_expectation(text: str, error: tomllib.TOMLDecodeError) -> str:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import model_validator
 from pydantic_core import PydanticCustomError
 
+from cgfibre.errors import InputError
 from cgfibre.scene_values import (
     NOT_GIVEN,
     Abridged,
@@ -23,6 +24,7 @@ from cgfibre.scene_values import (
     Value,
     refusal,
 )
+from cgfibre.subbundle_law import find_law
 
 #: void fraction of touching filaments in hexagonal order, 1 - pi / (2 sqrt 3)
 LEAST_VOID_FRACTION = 1.0 - math.pi / (2.0 * math.sqrt(3.0))
@@ -44,6 +46,28 @@ class Migration(Table):
     minimum_radius: Annotated[float, Value(least=0.0, below=1.0)] = 0.0
     epsilon: Annotated[float, Value(least=0.0, most=0.5)] = 0.05
     beta: Annotated[float, Value(least=0.0, most=100.0)] = 0.3
+
+
+class Subbundle(Table):
+    """``[assembly.subbundle]`` of level "subbundle".
+
+    How many ``filaments`` one disc stands for (about: as many discs as the arrangement takes), by which ``law`` (a
+    shipped one's name, or a file that ``cgfibre homogenise`` wrote) and ``mapping`` they touch, and the ``spread`` of
+    their stiffness, evenly over +- that part, dealt out with the seed.
+    """
+
+    filaments: Annotated[int, Value(whole=True, least=2, most=100_000)] = 127
+    law: str = "carbon-127"
+    mapping: Literal["contact", "lattice"] = "contact"
+    spread: Annotated[float, Value(least=0.0, most=0.5)] = 0.1
+
+    @model_validator(mode="after")
+    def _readable(self) -> Subbundle:
+        try:
+            find_law(self.law)
+        except InputError as error:
+            raise refusal("law", Abridged(repr(self.law[:40])), f"a sub-bundle law: {error}") from None
+        return self
 
 
 class Bundle(Table):
@@ -72,6 +96,7 @@ class Bundle(Table):
     migration: Migration | None = None
     jitter: LengthOrZero = 0.0
     seed: Annotated[int, Value(whole=True, least=0, most=2**31 - 1)] = 0
+    subbundle: Subbundle | None = None
 
     @model_validator(mode="before")
     @classmethod

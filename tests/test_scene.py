@@ -32,6 +32,7 @@ SHIPPED = [
     "carbon-547-section",
     "carbon-12k-3d",
     "carbon-12k-section",
+    "carbon-12k-tow",
 ]
 #: see test_weave_scene.py
 WEAVES = ["carbon-satin", "carbon-weave", "glass-twill", "glass-weave", "nylon-weave", "nylon-weave-filaments"]
@@ -195,15 +196,17 @@ def test_shipped_scenes_load_and_say_what_they_are(name):
     assert s.filament.diameter == 7.0 and s.assembly.void_fraction == 0.31 and s.ends.tension == 4e5
     assert (s.platens.width, s.platens.friction, s.contact.friction) == (500.0, 0.3, 0.2)
     assert s.platens.unload == (
-        name not in ("carbon-127-twisted", "carbon-37-full-length", "carbon-12k-section", "carbon-12k-3d")
+        name
+        not in ("carbon-127-twisted", "carbon-37-full-length", "carbon-12k-section", "carbon-12k-3d", "carbon-12k-tow")
     )  # the costly ones
     assert 0.0 < s.assembly.jitter <= 0.1
     assert scene_from_dict(tomllib.loads(s.to_toml())) == s
     assert scene_text(name).startswith("# ") and max(map(len, scene_text(name).splitlines())) <= 120
-    assert s.model.level == ("section" if name.endswith("-section") else "auto")
+    assert s.model.level == {"section": "section", "tow": "subbundle"}.get(name.rpartition("-")[2], "auto")
     count = {"12k": 11719}.get(name.split("-")[1]) or int(name.split("-")[1])
     assert s.assembly.count == count
-    length = {"carbon-37-full-length": 345_000.0, "carbon-12k-3d": 1100.0}
+    length = {name: 345_000.0 for name in ("carbon-37-full-length", "carbon-547-section", "carbon-12k-section")}
+    length["carbon-12k-3d"] = 1100.0
     assert s.assembly.length == length.get(name, 700.0)
 
 
@@ -212,7 +215,7 @@ def test_shipped_scenes_are_pressed_to_about_half_their_height():
         s = load_scene(name)
         # a single contact; a stop by force; a locked column; filaments that slide under the anvil's edges
         shallow = ("carbon-2", "carbon-37-full-length", "carbon-37-column", "carbon-127", "carbon-127-twisted")
-        if name not in (*shallow, "carbon-12k-3d"):
+        if name not in (*shallow, "carbon-12k-3d", "carbon-12k-section", "carbon-12k-tow"):
             assert 0.45 < s.platens.stop.value / module._height(s) < 0.6, name
 
 
@@ -447,14 +450,13 @@ BAD = [
         "between 0 and 90 deg",
     ),
     ({"contact.law": "line", "contact.shape": "beads"}, "contact.law", "the line law is for capsules"),
-    ({"contact.shape": "capsule", "model.level": "section"}, "contact.shape", "its filaments are discs"),
+    ({"contact.shape": "capsule", "model.level": "section"}, "contact.shape", "it is made of discs"),
     ({"contact.line_load": "1 N"}, "contact.line_load", "a force per length such as '1 N/mm'"),
     ({"contact.softening": 0.5}, "contact.softening", "'auto' or a number, at least 1"),
     ({"contact.damping_ratio": 0}, "contact.damping_ratio", "above 0 and at most 1"),
     ({"contact.friction": float("nan")}, "contact.friction", "a number"),
     # model
-    ({"model.level": "subbundle"}, "model.level", "sub-bundles are not in this version"),
-    ({"model.level": "beam"}, "model.level", "'auto', 'chain', 'rod' or 'section'"),
+    ({"model.level": "beam"}, "model.level", "'auto', 'chain', 'rod', 'section' or 'subbundle'"),
     ({"model.level": 3}, "model.level", "'auto', 'chain'"),
     (
         {"model.spacing": "10 um", "contact.shape": "beads"},

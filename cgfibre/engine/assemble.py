@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +14,10 @@ from cgfibre.engine.capsule import capsule_parameters, tables
 from cgfibre.engine.datafile import DataFile, Topology, group_types
 from cgfibre.engine.fabric import fabric_parameters, rest_forces
 from cgfibre.engine.mirror import right_half
+from cgfibre.engine.subbundle import law_files
 from cgfibre.errors import InputError
-from cgfibre.plan.contact import TANGENTIAL_DAMPING
+from cgfibre.mechanics.elastica import SpringLaw
+from cgfibre.plan.contact import STIFFEN_FROM, STIFFEN_TO, TANGENTIAL_DAMPING
 from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, ROD_DAMPING, Contact, Plan, every_bead
 from cgfibre.plan.section_platens import first_touch
 
@@ -53,7 +55,7 @@ def pair_words(contact: Contact) -> str:
 
 def beads_under(system: FilamentSystem, plan: Plan, span: tuple[float, float] | None) -> npt.NDArray[np.bool_]:
     """(n_beads,) bool: beads that a platen of this span presses, as built (None: a platen without edges)."""
-    if plan.level == "section":
+    if plan.flat:
         return np.ones(system.n_beads, dtype=bool)
     touching = every_bead(system, plan.beads.role) == CONTACT
     if span is None:
@@ -63,10 +65,13 @@ def beads_under(system: FilamentSystem, plan: Plan, span: tuple[float, float] | 
 
 
 def platen_heights(system: FilamentSystem, plan: Plan) -> tuple[float, float]:
-    """(top, bottom) z of the flat platens at first touch, um: where they meet the assembly as built.
+    """(top, bottom) z of the flat platens at first touch, um: where they meet the assembly as built, sub-bundles
+    where they meet the filaments that these stand for.
 
     Platens that are curved across a section: z of their surfaces at the middle.
     """
+    if plan.discs is not None:
+        return plan.discs.heights
     radius = system.diameter[system.filament_of_bead] / 2
     if plan.level == "section" and plan.platens.shape == "crimped":
         centres, p = system.positions[:, 1:], plan.platens
@@ -165,6 +170,8 @@ def _common(system: FilamentSystem, plan: Plan) -> dict[str, float | int | str]:
 
 def _platen_file(plan: Plan) -> str:
     """Which platens_*.inc the deck includes."""
+    if plan.level == "subbundle":
+        return plan.level
     if plan.level == "section":
         return "section_crimped" if plan.platens.shape == "crimped" else "section"
     return f"capsule_{plan.platens.shape}" if plan.contact.per_length else plan.platens.shape
@@ -501,7 +508,8 @@ def _natural_positions(system: FilamentSystem, vectors: FloatArray) -> FloatArra
     return total + start
 
 
-def _section(system: FilamentSystem, plan: Plan) -> Deck:
+def section_deck(system: FilamentSystem, plan: Plan, name: str, pair_rows: list[tuple[int, int, str]]) -> Deck:
+    """Deck ``name`` of discs on springs, one type a kind of filament for every role; ``pair_rows`` of its data file."""
     diameter = system.diameter
     n = system.n_filaments
     mass = np.full(n, plan.beads.mass[0])
@@ -509,7 +517,7 @@ def _section(system: FilamentSystem, plan: Plan) -> Deck:
     zero = np.zeros(n)
     n_types = ROLES * len(system.types)
     data = DataFile(
-        title="cgfibre, level section, units micro",
+        title=f"cgfibre, level {plan.level}, units micro",
         atom_style="hybrid",
         # hybrid sphere dipole bond: id type x y z diameter density q mux muy muz molecule;
         # LAMMPS' x, y are the scene's y, z
@@ -530,17 +538,63 @@ def _section(system: FilamentSystem, plan: Plan) -> Deck:
         n_types=n_types,
         box=np.array([box[1], box[2], [-float(np.max(diameter)), float(np.max(diameter))]]),
         pair_style="granular",
-        pair_rows=_pair_rows(n_types, plan.contact),
+        pair_rows=pair_rows,
     )
     parameters = _common(system, plan) | {
         "spring_nN_um": plan.springs[0],
         "torsion_nN_um": plan.springs[1],
         "turning_drag": plan.turning_drag,
     }
-    return Deck("in.section", parameters, data, {})
+    return Deck(name, parameters, data, {})
 
 
-ASSEMBLERS: dict[str, Callable[[FilamentSystem, Plan], Deck]] = {"chain": _chain, "rod": _rod, "section": _section}
+def _spring_table(law: SpringLaw) -> str:
+    """The law as fix disc/support reads it."""
+    rows = zip(law.deflection, law.force, strict=True)
+    lines = [f"{i} {d:.17g} {f:.17g}\n" for i, (d, f) in enumerate(rows, 1)]
+    return (
+        "# deflection (um), force (nN) of a filament on its supports\nSPRING\n" + f"N {len(lines)}\n" + "".join(lines)
+    )
+
+
+def _section(system: FilamentSystem, plan: Plan) -> Deck:
+    deck = section_deck(system, plan, "in.section", _pair_rows(ROLES * len(system.types), plan.contact))
+    parameters = deck.parameters | {
+        "contact_shape": "discs",
+        "discs": plan.disc_fixes,
+        "pair_kn": plan.contact.kn,
+        "centre_um": float(np.mean(system.positions[:, 2])),
+    }
+    texts = {}
+    if plan.spring_law is not None:
+        parameters["spring_law"] = "table"
+        texts["springs.txt"] = _spring_table(plan.spring_law)
+    if plan.stiffen > 1:
+        d = float(np.max(system.diameter))
+        parameters |= {
+            "paced": 1,
+            "stop_displacement_um": plan.motion.planned_displacement,
+            "stiffen_most": plan.stiffen,
+            "stiffen_from_um": STIFFEN_FROM * d,
+            "stiffen_to_um": STIFFEN_TO * d,
+        }
+    return replace(deck, parameters=parameters, texts=texts)
+
+
+def _subbundle(system: FilamentSystem, plan: Plan) -> Deck:
+    if plan.discs is None:
+        raise ValueError("a plan of level subbundle says what its discs are")
+    parameters, tables, texts = law_files(plan.discs, plan)
+    deck = section_deck(system, plan, "in.subbundle", [])
+    return replace(deck, parameters={**deck.parameters, **parameters}, tables=tables, texts=texts)
+
+
+ASSEMBLERS: dict[str, Callable[[FilamentSystem, Plan], Deck]] = {
+    "chain": _chain,
+    "rod": _rod,
+    "section": _section,
+    "subbundle": _subbundle,
+}
 
 
 def assemble(system: FilamentSystem, plan: Plan) -> Deck:

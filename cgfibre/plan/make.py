@@ -12,6 +12,7 @@ from cgfibre.plan.level import choose_level
 from cgfibre.plan.model import Choice, Plan
 from cgfibre.plan.outline import Outline, outline
 from cgfibre.plan.section import plan_section
+from cgfibre.plan.subbundle import plan_subbundle
 from cgfibre.plan.weave import plan_weave
 from cgfibre.scene import Scene, scene_from_dict
 
@@ -19,6 +20,7 @@ PLANNERS: dict[str, Callable[[Scene, Outline, str, list[Choice]], Plan]] = {
     "chain": plan_filaments,
     "rod": plan_filaments,
     "section": plan_section,
+    "subbundle": plan_subbundle,
 }
 
 

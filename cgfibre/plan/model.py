@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
+from cgfibre.mechanics.elastica import SpringLaw
+from cgfibre.scene import FLAT
 from cgfibre.scene_values import LawRow
 
 #: roles of a station's beads; bead type in the engine = role * filament kinds + kind + 1
@@ -164,6 +166,22 @@ class Platens:
 
 
 @dataclass(frozen=True)
+class Discs:
+    """Discs of a level subbundle: ``filaments`` that each stands for, ``diameter`` um, stiffness ``factors`` of their
+    kinds; the law of two: ``overlap`` um, ``load`` and ``unload`` nN/um of depth; ``heights``: top and bottom platen um
+    where they touch the outline of the filaments as arranged; ``centres`` (y, z) um as arranged."""
+
+    filaments: float
+    diameter: float
+    factors: tuple[float, ...]
+    overlap: tuple[float, ...]
+    load: tuple[float, ...]
+    unload: tuple[float, ...] | None
+    heights: tuple[float, float]
+    centres: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
 class Target:
     """Where a loading ends: the displacement planned, um, or earlier at a force (nN) or pressure (kPa; inf: none)."""
 
@@ -260,8 +278,11 @@ class Plan:
     """The least model that the scene asks for, in engine units.
 
     ``depth`` um is the length a section stands for (0 for the other levels); ``springs`` (nN/um, nN um/rad) its
-    springs; ``free_span`` um the length that bends beside a finite platen; ``timestep`` us; ``drag`` nN us/um and
-    ``turning_drag`` nN um us of the background on a contact bead.
+    springs, for small deflections and turns; ``spring_law`` their law for large ones, where it is wanted;
+    ``disc_fixes``: "plugin" or "engine", whose fixes hold them; ``stiffen``: their contacts may become so many times
+    stiffer; ``discs`` what discs that stand for many filaments are (None: each is a filament); ``free_span`` um the
+    length that bends beside a finite platen; ``timestep`` us; ``drag`` nN us/um and ``turning_drag`` nN um us of the
+    background on a contact bead.
     """
 
     level: str
@@ -290,6 +311,15 @@ class Plan:
     depth: float = 0.0
     springs: tuple[float, float] = (0.0, 0.0)
     woven: Woven | None = None
+    spring_law: SpringLaw | None = None
+    disc_fixes: str = "engine"
+    stiffen: float = 1.0
+    discs: Discs | None = None
+
+    @property
+    def flat(self) -> bool:
+        """Whether the model is a cross-section: discs, nothing along the filaments."""
+        return self.level in FLAT
 
     @property
     def promised_error(self) -> float:
