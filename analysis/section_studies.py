@@ -25,7 +25,7 @@ MARK = "<!-- studies: written by analysis/section_studies.py -->\n"
 
 #: study -> (starts, cases; none: all)
 QUICK: dict[str, tuple[int, tuple[str, ...]]] = {
-    "start-point": (1, ()),
+    "start-point": (1, ("0.7-mm-dry", "0.7-mm-wet", "7-mm-dry")),
     "filament-count": (1, ("127", "169", "331")),
     "arrangement": (1, ()),
     "friction-dry": (2, ("0.2", "0.28", "0.36", "0.48")),

@@ -790,7 +790,11 @@ def _source(source: str | Path) -> tuple[str, str]:
 
 
 #: keys whose text may stand in a file beside the scene's, and what is expected of it
-_FILES = {("assembly", "centres"): CentresText.expected, ("contact", "table"): LawText.expected}
+_FILES = {
+    ("assembly", "centres"): CentresText.expected,
+    ("assembly", "texgen"): "a .tg3 file of TexGen",
+    ("contact", "table"): LawText.expected,
+}
 
 
 def _insert_files(data: dict[str, Any], folder: Path) -> None:

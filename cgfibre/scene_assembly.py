@@ -240,8 +240,8 @@ class Weave(Table):
 
     ``cell`` "periodic": the fabric goes on for ever; "patch": so many tows, cut half-way between crossings. ``rest``:
     tows are free of stress as built, or "woven-in" straight ones that want to be straight again. ``gap`` leaves a
-    distance at crossings. ``texgen`` names a .tg3 file whose first textile takes the place of pattern, tows, spacing
-    and tow shapes.
+    distance at crossings. ``texgen`` names a .tg3 file (or holds its text) whose textile gives the tows' centre lines;
+    tows, spacing and sizes of sections are checked against it.
     """
 
     kind: Literal["weave"] = "weave"
@@ -253,6 +253,7 @@ class Weave(Table):
     weft: Tow
     rest: Literal["stress-free", "woven-in"] = "stress-free"
     gap: LengthOrZero = 0.0
+    texgen: str | None = None
     seed: Annotated[int, Value(whole=True, least=0, most=2**31 - 1)] = 0
 
     @model_validator(mode="before")

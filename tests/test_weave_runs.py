@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,8 +10,10 @@ from cgfibre import workflow
 from cgfibre.engine.dump import read_record, read_states
 from cgfibre.engine.lammps import find_engine, run_deck
 from cgfibre.engine.plugin import find_plugin
-from cgfibre.errors import EngineError
+from cgfibre.errors import EngineError, InputError
 from cgfibre.measure.compaction import thickness_at_pressure
+from cgfibre.plan.make import make_plan
+from cgfibre.scene import load_scene
 
 pytestmark = pytest.mark.skipif(find_plugin(find_engine()) is None, reason="weaves need the plugin")
 FAST = {"output.frames": 4, "output.samples": 40, "model.accuracy": 0.1}
@@ -103,6 +106,26 @@ def test_in_the_plane(weave):
     strained = weave("strained", {"cell.strain": {"x": 0.01}})
     assert strained.curve["force_top_N"][1] > 10 * as_built.curve["force_top_N"][1]
     assert sheared.summary["warnings"] == pulled.summary["warnings"] == []
+
+
+def test_a_textile_of_texgen_is_pressed_as_the_same_weave_of_ours(weave):
+    """And one that is not what the scene says is refused."""
+    changes = {
+        "filament": {"material": "nylon", "diameter": "40 um"},
+        "assembly.spacing": "1 mm",
+        "assembly.tow": {"section": "elliptic", "width": "0.4 mm", "thickness": "0.2 mm", "filaments": 10},
+        "assembly.pattern": ["01", "10"],
+        "platens.stop": {"pressure": "0.5 MPa"},
+    }
+    file = {"assembly.texgen": str(Path(__file__).parent / "data/plain.tg3")}
+    ours, theirs = weave("ours", changes), weave("theirs", changes | file)
+    assert ours.trusted and theirs.trusted
+    at = np.array([0.05, 0.1, 0.3, 0.45])
+    one, two = (thickness_at_pressure(r.curve["thickness_um"], r.curve["pressure_MPa"], at) for r in (ours, theirs))
+    assert np.allclose(one, two, rtol=0.02), (one, two)
+    with pytest.raises(InputError) as caught:
+        make_plan(load_scene(weave.scene(changes | file | {"assembly.spacing": "1.1 mm"})))
+    assert caught.value.key == "assembly.spacing.weft"
 
 
 def test_filaments_of_a_small_weave_are_pressed_and_stay_in_order(weave):

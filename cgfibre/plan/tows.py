@@ -9,7 +9,10 @@ from functools import lru_cache
 import numpy as np
 
 from cgfibre.build.system import FilamentSystem, FilamentType
+from cgfibre.build.texgen import textile_from_xml
+from cgfibre.build.tow_path import TowPath
 from cgfibre.build.weave import TowShape, WeaveSpec, filament_system, ribbon_system, tow_system, weave_paths
+from cgfibre.errors import InputError
 from cgfibre.plan.outline import scene_filament
 from cgfibre.scene import Scene
 from cgfibre.scene_assembly import Tow, Weave
@@ -99,21 +102,50 @@ def weave_spec(weave: Weave) -> WeaveSpec:
     )
 
 
+#: of a length: what tows of a TexGen file may differ from what the scene says of them
+LIKE = 0.02
+
+
+def woven(weave: Weave) -> WeaveSpec | tuple[tuple[TowPath, ...], tuple[float, float] | None]:
+    """What the builders weave: the spec, or the paths of a TexGen file; InputError where it is another weave."""
+    spec = weave_spec(weave)
+    if weave.texgen is None:
+        return spec
+    textile = textile_from_xml(weave.texgen)
+    said: list[tuple[str, float, float]] = [
+        ("tows.warp", weave.tows.warp, sum(p.is_warp for p in textile.paths)),
+        ("tows.weft", weave.tows.weft, sum(not p.is_warp for p in textile.paths)),
+    ]
+    for name, tow, warp in (("tow", weave.tow, True), ("weft", weave.weft, False)):
+        shapes = [p.shape for p in textile.paths if p.is_warp == warp]
+        for key in ("width", "thickness"):
+            said += [(f"{name}.{key}", getattr(tow, key), getattr(shape, key)) for shape in shapes]
+    if textile.cell is None and weave.cell == "periodic":
+        raise InputError("assembly.cell", "periodic", "'patch': the textile of the file does not repeat")
+    if textile.cell is not None:
+        said += [(f"spacing.{name}", weave.size[k], textile.cell[k]) for k, name in enumerate(("weft", "warp"))]
+    for key, mine, theirs in said:
+        if abs(mine - theirs) > LIKE * theirs:
+            expected = f"as in the TexGen file, {theirs:.5g}" + (" um over the cell" if "spacing" in key else "")
+            raise InputError(f"assembly.{key}", f"{mine:.5g}", expected)
+    return textile.paths, textile.cell
+
+
 def tow_level(scene: Scene, spacing: float) -> FilamentSystem:
     """The weave as chains, one a round tow, ribbons of them for flat ones."""
-    spec, (warp, weft) = weave_spec(scene.weave), tow_models(scene)
+    (warp, weft), fabric = tow_models(scene), woven(scene.weave)
     types = (warp.chain, weft.chain)
     if warp.chains == weft.chains == 1:
-        return tow_system(spec, types, spacing)
-    return ribbon_system(spec, types, spacing, (warp.chains, weft.chains))
+        return tow_system(fabric, types, spacing)
+    return ribbon_system(fabric, types, spacing, (warp.chains, weft.chains))
 
 
 def greatest_curvature(scene: Scene) -> float:
     """Of the tows' centre lines, 1/um, as a mean over a twentieth of the crossings' distance."""
-    spec = weave_spec(scene.weave)
+    w, fabric = scene.weave, woven(scene.weave)
     found = 0.0
-    for path in weave_paths(spec):
-        window = 0.05 * (spec.weft_spacing if path.is_warp else spec.warp_spacing)
+    for path in weave_paths(fabric) if isinstance(fabric, WeaveSpec) else fabric[0]:
+        window = 0.05 * (w.spacing.weft if path.is_warp else w.spacing.warp)
         s = np.arange(0.0, path.arc_length, window)
         tangent = np.column_stack([np.interp(s, path.arc, path.tangent[:, k]) for k in range(3)])
         found = max(found, float(np.max(np.linalg.norm(np.diff(tangent, axis=0), axis=1), initial=0.0)) / window)
@@ -124,7 +156,7 @@ def filament_level(scene: Scene, spacing: float) -> FilamentSystem:
     """The weave filament by filament."""
     w, f = scene.weave, scene_filament(scene)
     return filament_system(
-        weave_spec(w),
+        woven(w),
         f,
         (w.tow.filaments or 1, w.weft.filaments or 1),
         spacing,
