@@ -96,6 +96,22 @@ class Curve:
 
 
 @dataclass(frozen=True)
+class Balance:
+    """What stands beside the platens' forces and work in a section, at the samples of the curve (n_samples,).
+
+    Forces on the discs along z, upwards: ``springs`` and ``drag`` of the background, N; ``momentum`` N us of the discs;
+    ``contact`` J in the contacts' normal springs (a part of the curve's stored energy; that of their tangential ones is
+    not known); ``factor``: how many times stiffer contacts have become.
+    """
+
+    springs: FloatArray
+    drag: FloatArray
+    momentum: FloatArray
+    contact: FloatArray
+    factor: FloatArray
+
+
+@dataclass(frozen=True)
 class Frames:
     """Filament positions over time.
 

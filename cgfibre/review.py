@@ -22,7 +22,7 @@ from cgfibre.mechanics.contact import LineContact
 from cgfibre.plan.contact import OVERLAP_LIMIT
 from cgfibre.plan.model import FREE, Plan, every_bead
 from cgfibre.plan.motion import REFERENCE_DISPLACEMENT
-from cgfibre.record import Curve, Frames
+from cgfibre.record import Balance, Curve, Frames
 from cgfibre.review_fabric import fabric_statistics, passing_guard, upright
 from cgfibre.scene import Scene
 
@@ -37,7 +37,7 @@ PRESSURES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 FAST = 1.5
 #: largest slide of filaments under the anvil's edge over the free span beside it
 SLIDE_LIMIT = 0.15
-#: largest turn of a section's disc: its spring's torque k sin(turn) is then 4 % below k turn
+#: largest turn of a section's disc on the engine's own fixes: its spring's torque k sin(turn) is then 4 % below k turn
 TURN_LIMIT = 0.5
 #: approach over D at which the line contact's theory ends: b/R = 0.58 at 10 N/mm of carbon, 6 % soft there
 APPROACH_LIMIT = 0.25
@@ -111,7 +111,13 @@ def review_run(
     found = list(_guards(scene, plan, system, curve, frames, swaps=not shallow))
     if extremes is not None and len(extremes.closest):
         found += _extreme_guards(plan, system, extremes)
-    found.append(_motion_guard(plan, curve))
+        if extremes.balance is not None and len(extremes.balance.springs) == len(curve):
+            found += [
+                guards.section_balance(curve, extremes.balance),
+                guards.section_inertia(curve, extremes.balance, scene.model.accuracy),
+                guards.section_energy(curve, extremes.balance),
+            ]
+    found.append(_motion_guard(plan, curve, None if extremes is None else extremes.balance))
     found += _stop_guards(plan, curve)
     # a short first loading may never get there, a later one does
     starts = (quasi_static_from(plan, system, curve.of(k)) for k in range(1, curve.cycles + 1))
@@ -221,9 +227,14 @@ def _gone_guard(scene: Scene, plan: Plan, system: FilamentSystem, frames: Frames
     return Guard(name, not gone, float(len(gone)), 0.0, message)
 
 
-def _motion_guard(plan: Plan, curve: Curve) -> Guard:
-    """Whether the platen went as planned: a deck run by hand with another step or speed is not what the plan judges."""
+def _motion_guard(plan: Plan, curve: Curve, balance: Balance | None) -> Guard:
+    """Whether the platen went as planned: a deck run by hand with another step or speed is not what the plan judges.
+
+    Only until contacts of a section become stiffer: the platen is slower from then on.
+    """
     loading = curve.loading & (curve["step"] > 0)
+    if balance is not None:
+        loading &= np.maximum.accumulate(balance.factor) <= 1
     loading[np.flatnonzero(loading)[-1:]] = False  # decks of earlier versions do not tell where the platen turned
     middle = curve["step"][loading] - 0.5 * plan.sampling.sample
     last = plan.motion.load_steps - 1
@@ -288,7 +299,10 @@ def _slide_guard(plan: Plan, system: FilamentSystem, frames: Frames) -> Guard:
 def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> list[Guard]:
     """Guards on every sample of the run, not on the few frames alone."""
     d = float(np.max(system.diameter))
-    found = [_depth_guard("overlap of filaments", float(np.max(1 - extremes.closest / d, initial=0.0)), plan)]
+    softening, factor = plan.contact.softening, np.ones(len(extremes.closest))
+    if extremes.balance is not None:
+        factor = extremes.balance.factor[1:]
+    found = [_depth_guard("overlap of filaments", 1 - extremes.closest / d, softening, factor)]
     if plan.platens.shape != "crimped":
         top, bottom = platen_heights(system, plan)
         reach = extremes.z_hi + d / 2 - (top - extremes.displacement)
@@ -306,8 +320,8 @@ def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> l
                 )
             )
         else:
-            found.append(_depth_guard("overlap with a platen", depth, plan))
-    if plan.level == "section" and plan.springs[1] > 0:
+            found.append(_depth_guard("overlap with a platen", reach / d, softening, factor))
+    if plan.level == "section" and plan.discs == "engine" and plan.springs[1] > 0:
         turn = float(np.max(extremes.turn))
         found.append(
             Guard(
@@ -321,9 +335,12 @@ def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> l
     return found
 
 
-def _depth_guard(name: str, overlap: float, plan: Plan) -> Guard:
-    """Overlap over D: what softening adds to the real approach of the surfaces, and whether that is still Hertz'."""
-    artefact = overlap * (1 - 1 / plan.contact.softening)
+def _depth_guard(name: str, overlaps: FloatArray, softening: float, factor: FloatArray) -> Guard:
+    """Overlaps over D: what softening adds to the real approach of the surfaces, and whether that is still Hertz'.
+
+    ``factor``: how many times stiffer than at first the softened contacts had become by each sample.
+    """
+    artefact, overlap = (float(np.max(x, initial=0.0)) for x in (overlaps * (1 - factor / softening), overlaps))
     if artefact > OVERLAP_LIMIT:
         return Guard(
             name,

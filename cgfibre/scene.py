@@ -249,7 +249,7 @@ class Model(Table):
     most_steps: AutoSteps = "auto"
     speed_check: bool = False
     depth: AutoLength = "auto"
-    spring: Literal["exact", "thesis"] = "exact"
+    spring: Literal["auto", "exact", "thesis", "elastica"] = "auto"
     torsional_spring: Literal["exact", "thesis", "none"] = "exact"
 
     @model_validator(mode="after")

@@ -149,7 +149,11 @@ def all_lines(
     files = set()
     for shape in shapes:
         for support in supports:
-            files |= set(deck.deck_files(name, {"platen_shape": shape, "support": support}))
+            for discs in ("engine", "plugin"):
+                values = {"platen_shape": shape, "support": support, "discs": discs}
+                if name == "in.section":
+                    values["contact_shape"] = "discs"
+                files |= set(deck.deck_files(name, values))
     return "\n".join((deck.template_folder() / f).read_text() for f in sorted(files))
 
 

@@ -15,7 +15,8 @@ from cgfibre.engine.datafile import DataFile, Topology, group_types
 from cgfibre.engine.fabric import fabric_parameters, rest_forces
 from cgfibre.engine.mirror import right_half
 from cgfibre.errors import InputError
-from cgfibre.plan.contact import TANGENTIAL_DAMPING
+from cgfibre.mechanics.elastica import SpringLaw
+from cgfibre.plan.contact import STIFFEN_FROM, STIFFEN_TO, TANGENTIAL_DAMPING
 from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, ROD_DAMPING, Contact, Plan, every_bead
 from cgfibre.plan.section_platens import first_touch
 
@@ -533,11 +534,37 @@ def _section(system: FilamentSystem, plan: Plan) -> Deck:
         pair_rows=_pair_rows(n_types, plan.contact),
     )
     parameters = _common(system, plan) | {
+        "contact_shape": "discs",
+        "discs": plan.discs,
         "spring_nN_um": plan.springs[0],
         "torsion_nN_um": plan.springs[1],
         "turning_drag": plan.turning_drag,
+        "pair_kn": plan.contact.kn,
+        "centre_um": float(np.mean(system.positions[:, 2])),
     }
-    return Deck("in.section", parameters, data, {})
+    texts = {}
+    if plan.spring_law is not None:
+        parameters["spring_law"] = "table"
+        texts["springs.txt"] = _spring_table(plan.spring_law)
+    if plan.stiffen > 1:
+        d = float(np.max(system.diameter))
+        parameters |= {
+            "paced": 1,
+            "stop_displacement_um": plan.motion.planned_displacement,
+            "stiffen_most": plan.stiffen,
+            "stiffen_from_um": STIFFEN_FROM * d,
+            "stiffen_to_um": STIFFEN_TO * d,
+        }
+    return Deck("in.section", parameters, data, {}, texts)
+
+
+def _spring_table(law: SpringLaw) -> str:
+    """The law as fix disc/support reads it."""
+    rows = zip(law.deflection, law.force, strict=True)
+    lines = [f"{i} {d:.17g} {f:.17g}\n" for i, (d, f) in enumerate(rows, 1)]
+    return (
+        "# deflection (um), force (nN) of a filament on its supports\nSPRING\n" + f"N {len(lines)}\n" + "".join(lines)
+    )
 
 
 ASSEMBLERS: dict[str, Callable[[FilamentSystem, Plan], Deck]] = {"chain": _chain, "rod": _rod, "section": _section}

@@ -13,7 +13,7 @@ from cgfibre.engine.assemble import platen_heights
 from cgfibre.engine.dump import RawRecord, iterate_frames, read_record
 from cgfibre.engine.mirror import moved_beads, whole_of
 from cgfibre.plan.model import Plan
-from cgfibre.record import Curve, Frames, phases
+from cgfibre.record import Balance, Curve, Frames, phases
 
 JOULE = 1e-15  # of nN um
 NEWTON = 1e-9
@@ -30,6 +30,7 @@ class Extremes:
     z_hi: FloatArray
     turn: FloatArray
     displacement: FloatArray
+    balance: Balance | None = None
 
 
 def _with_start(start: float, values: FloatArray) -> FloatArray:
@@ -79,7 +80,17 @@ def curve_of(raw: RawRecord, system: FilamentSystem, plan: Plan) -> Curve:
 def extremes_of(raw: RawRecord) -> Extremes:
     """What the guards need of the record."""
     s = raw.state
-    return Extremes(s["closest"], s["z_lo"], s["z_hi"], s["turn"], s["displacement"])
+    b = raw.balance
+    balance = None
+    if b:
+        balance = Balance(
+            springs=_with_start(0.0, b["spring_force"]) * NEWTON,
+            drag=_with_start(0.0, b["drag_force"]) * NEWTON,
+            momentum=_with_start(0.0, b["momentum"]) * NEWTON,
+            contact=_with_start(0.0, b["contact_energy"]) * JOULE,
+            factor=_with_start(1.0, b["factor"]),
+        )
+    return Extremes(s["closest"], s["z_lo"], s["z_hi"], s["turn"], s["displacement"], balance)
 
 
 def displacement_at(plan: Plan, step: np.ndarray) -> FloatArray:

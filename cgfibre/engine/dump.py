@@ -9,7 +9,7 @@ import mmap
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -50,17 +50,22 @@ FRAME = b"ITEM: TIMESTEP\n"
 END_OF_RESTART = b"LammpS RestartT"
 
 
+BALANCE_COLUMNS = ("step", "spring_force", "drag_force", "momentum", "contact_energy", "factor", "furthest")
+
+
 @dataclass(frozen=True)
 class RawRecord:
     """Columns of record.txt and extremes.txt at their common steps, engine units; ``step`` (n,) int.
 
-    ``start`` is the state at step 0, empty when nothing was written yet.
+    ``start`` is the state at step 0, empty when nothing was written yet; ``balance`` what a section's springs and
+    contacts do (balance.txt), empty for other levels.
     """
 
     step: IntArray
     mean: dict[str, FloatArray]
     state: dict[str, FloatArray]
     start: dict[str, float]
+    balance: dict[str, FloatArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -118,8 +123,11 @@ def read_record(folder: Path) -> RawRecord:
     mean = _newest_table(folder / "record.txt", RECORD_COLUMNS, OLD_RECORD_COLUMNS)
     state = _newest_table(folder / "extremes.txt", EXTREME_COLUMNS, OLD_EXTREME_COLUMNS)
     start = state[state[:, 0] == 0]
-    _, i, j = np.intersect1d(mean[:, 0], state[:, 0], return_indices=True)
-    mean, state = mean[i], state[j]
+    balance = _table(folder / "balance.txt", len(BALANCE_COLUMNS))
+    steps = np.intersect1d(mean[:, 0], state[:, 0])
+    if len(balance):
+        steps = np.intersect1d(steps, balance[:, 0])
+    mean, state, balance = (table[np.isin(table[:, 0], steps)] for table in (mean, state, balance))
     return RawRecord(
         step=mean[:, 0].astype(np.int64),
         mean={name: mean[:, k] for k, name in enumerate(RECORD_COLUMNS[: mean.shape[1]]) if k},
@@ -127,12 +135,13 @@ def read_record(folder: Path) -> RawRecord:
         start={name: float(start[0, k]) for k, name in enumerate(EXTREME_COLUMNS[: state.shape[1]]) if k}
         if len(start)
         else {},
+        balance={name: balance[:, k] for k, name in enumerate(BALANCE_COLUMNS) if k} if len(balance) else {},
     )
 
 
 def mend_tables(folder: Path) -> None:
     """Cut a row that a kill or a full disk left unfinished off record.txt and extremes.txt before more is appended."""
-    for path in (folder / "record.txt", folder / "extremes.txt"):
+    for path in (folder / "record.txt", folder / "extremes.txt", folder / "balance.txt"):
         if path.exists():
             whole = path.read_bytes().rfind(b"\n") + 1
             os.truncate(path, whole)

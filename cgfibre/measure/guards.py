@@ -15,7 +15,7 @@ from cgfibre.build.system import BoolArray, FilamentSystem, FloatArray, IntArray
 from cgfibre.errors import InputError
 from cgfibre.measure.contacts import Contacts, GapFunction
 from cgfibre.measure.segments import minimum_axis_distance
-from cgfibre.record import Curve, Frames
+from cgfibre.record import Balance, Curve, Frames
 
 #: up to this many filaments every pair is followed, beyond it the pairs that come near
 ALL_PAIRS_UP_TO = 200
@@ -347,6 +347,73 @@ def force_balance(curve: Curve, applies: bool, limit: float = 0.05) -> Guard:
         return _not_applicable(name, limit, "there is no force")
     value = float(np.abs(top - bottom)[loaded].sum() / larger[loaded].sum())
     return Guard(name, value <= limit, value, limit, f"{name}: differ by {value:.3g} (limit {limit:.3g})")
+
+
+def _loaded(curve: Curve) -> BoolArray:
+    top = np.abs(curve["force_top_N"])
+    return np.asarray(top > 0.1 * top.max(initial=0.0))
+
+
+def section_balance(curve: Curve, balance: Balance, limit: float = 0.02) -> Guard:
+    """Newton's second law of a section: sum of |F_bottom - F_top + F_springs + F_drag - dp/dt| over that of the force.
+
+    Where the force exceeds a tenth of its peak; dp/dt by central differences of the samples' means, the forces as
+    means over the same stretch (1/4, 1/2, 1/4 of three samples).
+    """
+    name = "force balance"
+    total = curve["force_bottom_N"] - curve["force_top_N"] + balance.springs + balance.drag
+    if not np.all(np.isfinite(total)):
+        return Guard(name, False, float("nan"), limit, f"{name}: forces are not finite")
+    loaded = _loaded(curve)[1:-1]
+    if len(curve) < 3 or not loaded.any():
+        return _not_applicable(name, limit, "there is no force")
+    even = 0.25 * total[:-2] + 0.5 * total[1:-1] + 0.25 * total[2:]
+    rate = (balance.momentum[2:] - balance.momentum[:-2]) / (curve["time_us"][2:] - curve["time_us"][:-2])
+    force = np.abs(curve["force_top_N"][1:-1])[loaded]
+    value = float(np.abs(even - rate)[loaded].sum() / force.sum())
+    message = f"{name}: platens, springs, drag and inertia leave {value:.2g} of the force (limit {limit:.2g})"
+    return Guard(name, value <= limit, value, limit, message)
+
+
+def section_inertia(curve: Curve, balance: Balance, limit: float) -> Guard:
+    """Share of a section's force that is not borne: sum of |F_top - F_bottom - F_springs| over that of F_top.
+
+    Inertia and drag, that is; none in a quasi-static run. Where the force exceeds a tenth of its peak.
+    """
+    name = "inertia and drag"
+    loaded = _loaded(curve)
+    if not loaded.any() or not np.any(curve["force_top_N"]):
+        return _not_applicable(name, limit, "there is no force")
+    off = np.abs(curve["force_top_N"] - curve["force_bottom_N"] - balance.springs)[loaded]
+    value = float(off.sum() / np.abs(curve["force_top_N"])[loaded].sum())
+    message = f"{name}: {value:.2g} of the force (limit {limit:.2g}); lower model.accuracy or platens.speed"
+    return Guard(name, value <= limit, value, limit, message)
+
+
+def section_energy(curve: Curve, balance: Balance, limit: float = 0.02) -> Guard:
+    """Largest excess of stored and kinetic energy over the work done, over the largest work so far.
+
+    Friction and damping, which are not recorded, can only take energy; without them both are equal. Beside the
+    platens' work there is that of contacts made stiffer: their energy and the kinetic one times dln(factor).
+    """
+    name = "energy balance"
+    scaled = (balance.contact + curve["kinetic_J"]) / balance.factor
+    stiffening = 0.5 * (scaled[1:] + scaled[:-1]) * np.diff(balance.factor)
+    work = curve["work_J"] + np.concatenate([[0.0], np.cumsum(stiffening)])
+    inside = curve["stored_J"] + curve["kinetic_J"]
+    if not np.all(np.isfinite(inside)):
+        return Guard(name, False, float("nan"), limit, f"{name}: energies are not finite")
+    most = np.maximum.accumulate(work)
+    begun = most > 0.01 * most.max(initial=0.0)
+    if not begun.any():
+        return _not_applicable(name, limit, "there is no work")
+    value = max(0.0, float(np.max((inside - work)[begun] / most[begun])))
+    share = 1 - float(inside[-1] / work[-1]) if work[-1] > 0 else 0.0
+    message = (
+        f"{name}: stored and kinetic energy exceed the work by {value:.2g} of it at most (limit {limit:.2g}); "
+        f"{share:.0%} of the work is lost to friction and damping in the end"
+    )
+    return Guard(name, value <= limit, value, limit, message)
 
 
 def finite(curve: Curve, frames: Frames) -> Guard:

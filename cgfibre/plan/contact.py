@@ -27,6 +27,8 @@ TANGENTIAL_DAMPING = 0.3
 BEAD_DAMPING, CAPSULE_DAMPING = 0.3, 0.1
 #: overlap over diameter beyond which a softened contact is not to be trusted
 OVERLAP_LIMIT = 0.02
+#: deepest overlap over diameter at which the softened contacts of a section begin to become real, and are
+STIFFEN_FROM, STIFFEN_TO = 0.007, 0.015
 
 
 @dataclass(frozen=True)

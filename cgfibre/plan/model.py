@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
+from cgfibre.mechanics.elastica import SpringLaw
 from cgfibre.scene_values import LawRow
 
 #: roles of a station's beads; bead type in the engine = role * filament kinds + kind + 1
@@ -260,7 +261,9 @@ class Plan:
     """The least model that the scene asks for, in engine units.
 
     ``depth`` um is the length a section stands for (0 for the other levels); ``springs`` (nN/um, nN um/rad) its
-    springs; ``free_span`` um the length that bends beside a finite platen; ``timestep`` us; ``drag`` nN us/um and
+    springs, for small deflections and turns; ``spring_law`` their law for large ones, where it is wanted; ``discs``:
+    "plugin" or "engine", whose fixes hold them; ``stiffen``: their contacts may become so many times stiffer;
+    ``free_span`` um the length that bends beside a finite platen; ``timestep`` us; ``drag`` nN us/um and
     ``turning_drag`` nN um us of the background on a contact bead.
     """
 
@@ -289,6 +292,9 @@ class Plan:
     free_span: float = math.inf
     depth: float = 0.0
     springs: tuple[float, float] = (0.0, 0.0)
+    spring_law: SpringLaw | None = None
+    discs: str = "engine"
+    stiffen: float = 1.0
     woven: Woven | None = None
 
     @property

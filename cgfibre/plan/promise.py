@@ -13,6 +13,8 @@ from cgfibre.scene import Scene
 
 #: mean error of a platen at its bound, over the accuracy of the bound (see SPEED_GAIN)
 SPEED_ERROR = 0.5
+#: the same of a section (see PILE_GAIN)
+PILE_ERROR = 0.25
 #: without a bound (long far fields, loose discs): the error at the planned speed, as measured on carbon-37-full-length
 UNBOUNDED = 0.1
 #: where filaments rearrange, the displacement at which they do so differs from run to run; mean over the curve
@@ -33,7 +35,7 @@ def promise(
     Against a fine and slow model of the same scene: what no level models (see the omissions) is not in it.
     """
     if math.isfinite(motion.pace):
-        speed = SPEED_ERROR * motion.eps * max(motion.pace, motion.pace**2)
+        speed = (PILE_ERROR if level == "section" else SPEED_ERROR) * motion.eps * max(motion.pace, motion.pace**2)
         reason = f"the platen is {motion.pace:.3g} times as fast as the accuracy allows"
     else:
         speed, reason = UNBOUNDED, "no bound of the speed applies"

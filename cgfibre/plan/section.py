@@ -9,21 +9,34 @@ import numpy as np
 
 from cgfibre.errors import InputError
 from cgfibre.mechanics import rod, support
+from cgfibre.mechanics.elastica import SpringLaw, spring_law
 from cgfibre.plan.common import checked_step, common_omissions, friction, platens
-from cgfibre.plan.contact import OVERLAP_LIMIT, plan_contact
+from cgfibre.plan.contact import OVERLAP_LIMIT, STIFFEN_FROM, STIFFEN_TO, line_contacts, plan_contact
 from cgfibre.plan.cost import predicted_seconds
 from cgfibre.plan.filaments import DRAG
 from cgfibre.plan.level import nothing_varies
 from cgfibre.plan.model import Beads, Choice, Omission, Plan, Platens
-from cgfibre.plan.motion import Bodies, depths_below_top, loose, plan_motion
+from cgfibre.plan.motion import PILE_GAIN, SPEED_GAIN, Bodies, depths_below_top, loose, plan_motion
 from cgfibre.plan.outline import Outline
 from cgfibre.plan.promise import promise
 from cgfibre.plan.section_platens import middle_gap
 from cgfibre.scene import Scene, Stop
 
 DISC_INERTIA = 0.125  # of m D^2
-#: a disc's contacts alone set its step: softened, it is longer and the platen faster
+#: without an estimate of the contacts' forces, or a way to make contacts stiffer later: a disc's contacts alone set its
+#: step, softened it is longer
 CONTACT_SOFTENING = 10.0
+#: overlap over diameter that a mean column of discs may have at the stop, by the forces of its springs alone; the
+#: deepest is some CONCENTRATION times that
+SPRING_OVERLAP, CONCENTRATION = 0.005, 2.0
+MAX_SOFTENING = 1e4
+#: springs of at most this part of a contact's stiffness
+SPRING_SHARE = 0.1
+#: deflection over the free span beside the platen (of a beam under mid-span: half its length) up to which springs are
+#: taken as linear: 1 % soft there
+LINEAR_SPRING = 0.1
+#: discs go sideways as well as down: the springs' law reaches so far beyond the planned displacement
+SPRING_MARGIN = 1.2
 
 
 def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) -> Plan:
@@ -40,12 +53,11 @@ def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) 
             else "as asked in the scene",
         )
     )
-    softening = _softening(scene)
-    choices += [softening, friction(scene)]
     mass = f.mass_per_length * depth
-    law = "hooke"
-    contact = plan_contact(scene, law, depth, mass, float(softening.value))
     free = nothing_varies(scene)
+    plugin = scene.contact.shape != "beads"
+    span = (length - (0.0 if scene.platens.width == "full" else width)) / 2
+    large: SpringLaw | None = None
     if free:
         k = 0.0
         choices.append(Choice("springs", "none", "a periodic cell has no end supports to bend against"))
@@ -57,9 +69,9 @@ def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) 
     else:
         loaded = 0.0 if scene.platens.width == "full" else width
         k = 1 / float(rod.platen_compliance(length, f.EI, width=loaded, tension=tension))
-        choices.append(
-            Choice("springs", f"{k:.4g} nN/um", "a pre-tensioned beam pushed by the platen's two edges, exact")
-        )
+        if _wants_elastica(scene, plugin, out.displacement / span):
+            large = spring_law(length, f.EI, tension, loaded, SPRING_MARGIN * out.displacement)
+        choices.append(_spring_choice(k, large))
     turn = {
         "none": 0.0,
         "thesis": float(support.thesis_torsional_stiffness(length, f.GJ)),
@@ -79,17 +91,29 @@ def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) 
             ],
         )
     )
+    columns = out.width / out.pitch
+    hardening = 1.0 if large is None else float(large(out.displacement)) / (k * out.displacement)
+    bodies = Bodies(depths_below_top(out.centres), out.pitch, k, 0.0, 0.0, mass, len(out.centres), columns=columns)
+    most = 0.0 if free else float(bodies.force(np.array(out.displacement), f.diameter)) / columns * hardening
+    softening = _softening(scene, plugin and not free, depth, most, k)
+    choices += [softening, friction(scene)]
+    contact = plan_contact(scene, "hooke", depth, mass, float(softening.value))
     inertia = DISC_INERTIA * mass * f.diameter**2
     touching, damping = contact.bounds(DISC_INERTIA)
-    limit = float(rod.limiting_time_step(touching + max(k, turn * mass / inertia), mass, damping))
+    limit = float(rod.limiting_time_step(touching + max(_stiffest(k, large), turn * mass / inertia), mass, damping))
     timestep, step = checked_step(scene, limit)
     choices.append(step)
     if free:
         stiffness, frequency = loose(contact.tangent_kn, mass, out.height / scene.filament.diameter)
     else:
         stiffness, frequency = k, float(support.support_frequency(k, mass))
-    bodies = Bodies(
-        depths_below_top(out.centres), out.pitch, stiffness, frequency, contact.tangent_kn, mass, len(out.centres)
+    bodies = replace(
+        bodies,
+        stiffness=stiffness,
+        frequency=frequency,
+        contact_stiffness=contact.tangent_kn,
+        columns=0.0 if free else columns,
+        gain=SPEED_GAIN if free else PILE_GAIN,
     )
     platen = platens(scene, contact, depth, edges=False, across=_curved(scene, out))
     if scene.platens.shape == "crimped":
@@ -110,9 +134,7 @@ def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) 
         Omission(
             "everything along the filaments",
             "nothing varies along the length" + ("" if free else " but the bending that the springs stand for"),
-            "none"
-            if free
-            else "springs are linear: too soft once filaments deflect by more than about a tenth of the free span",
+            "none" if free else _spring_error(large, out.displacement / span),
         ),
     ]
     if scene.platens.width != "full":
@@ -149,9 +171,13 @@ def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) 
         predicted_seconds=predicted_seconds(level, n, motion, sampling),
         choices=tuple(choices),
         omissions=tuple(omissions),
-        promise=promise(scene, out, level, 0.0, float(softening.value), motion),
+        # contacts as soft as springs allow overlap no more than those of the least softening
+        promise=promise(scene, out, level, 0.0, min(float(softening.value), CONTACT_SOFTENING), motion),
         depth=depth,
         springs=(k, turn),
+        spring_law=large,
+        discs="plugin" if plugin else "engine",
+        stiffen=float(softening.value) if plugin and scene.contact.softening == "auto" else 1.0,
     )
 
 
@@ -200,13 +226,67 @@ def _from_crimped(scene: Scene, out: Outline, platen: Platens) -> Outline:
     )
 
 
-def _softening(scene: Scene) -> Choice:
+def _wants_elastica(scene: Scene, plugin: bool, steepness: float) -> bool:
+    """Whether springs take the law of large deflections, for a planned deflection over the free span."""
+    asked = scene.model.spring
+    if asked == "elastica" and not plugin:
+        raise InputError(
+            "model.spring", asked, "'exact' or 'thesis': springs of any law need the plugin (cgfibre plugin build)"
+        )
+    return asked == "elastica" or (asked == "auto" and plugin and steepness > LINEAR_SPRING)
+
+
+def _spring_choice(k: float, large: SpringLaw | None) -> Choice:
+    beam = "a pre-tensioned beam pushed by the platen's two edges"
+    if large is None:
+        return Choice("springs", f"{k:.4g} nN/um", f"{beam}, exact for small deflections")
+    last = large.deflection[-1]
+    ratio = large.force[-1] / (k * last)
+    return Choice(
+        "springs",
+        f"{k:.4g} nN/um, {ratio:.3g} times that at {last:.3g} um",
+        f"{beam}, exact for large deflections (elastica, its ends slide)",
+    )
+
+
+def _spring_error(large: SpringLaw | None, steepness: float) -> str:
+    if large is None and steepness <= LINEAR_SPRING:
+        return f"below 1 %: filaments deflect by {steepness:.2g} of the free span at most"
+    if large is None:
+        return (
+            f"springs are linear: too soft for deflections of {steepness:.2g} of the free span (elastica: 1 % at a "
+            "tenth, 16 % at a third, 50 % at a half)"
+        )
+    if math.isfinite(large.reach):
+        return (
+            f"beyond {large.reach:.3g} um a filament alone would be drawn through between the platen's edges: its law "
+            "goes on by its tangent there; a longer assembly.length has room"
+        )
+    return "the same law for all directions, alone of the way from where a filament was built"
+
+
+def _stiffest(k: float, large: SpringLaw | None) -> float:
+    return k if large is None else float(np.max(large.stiffness(np.array(large.deflection))))
+
+
+def _softening(scene: Scene, plugin: bool, depth: float, column: float, k: float) -> Choice:
+    """Contacts as soft as the springs' forces allow, ``column`` nN in a column of discs at the stop."""
     asked = scene.contact.softening
     if asked != "auto":
         return Choice("contact softening", f"{asked:g}", "as asked in the scene")
+    if not plugin:
+        return Choice(
+            "contact softening",
+            f"{CONTACT_SOFTENING:g}",
+            "a softer contact allows a longer step and a faster "
+            f"platen; what overlap this adds is checked against {OVERLAP_LIMIT:.0%} D",
+        )
+    real = float(line_contacts(scene)[0].secant_stiffness(scene.contact.line_load)) * depth
+    needed = max(CONCENTRATION * column / (SPRING_OVERLAP * scene.filament.diameter), k / SPRING_SHARE)
+    value = min(max(real / needed, 1.0), MAX_SOFTENING)
     return Choice(
         "contact softening",
-        f"{CONTACT_SOFTENING:g}",
-        "a softer contact allows a longer step and a faster "
-        f"platen; what overlap this adds is checked against {OVERLAP_LIMIT:.0%} D",
+        f"{value:.4g}",
+        f"springs press a column of discs with {column:.2g} nN at the stop: contacts as soft as that allows make the "
+        f"longest step; from overlaps of {STIFFEN_FROM:.0%} D on they become real, as they are at {STIFFEN_TO:.1%} D",
     )

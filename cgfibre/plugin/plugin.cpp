@@ -3,6 +3,7 @@
 #include "compute_capsule_local.h"
 #include "fix_history.h"
 #include "fix_segments.h"
+#include "fix_disc_support.h"
 #include "fix_wall_capsule.h"
 #include "fix_wall_granular_table.h"
 #include "guard.h"
@@ -34,6 +35,7 @@ const Entry entries[] = {
     {"fix", "wall/capsule", "platen that presses segments", nullptr, &create_of<cgfibre::FixWallCapsule>},
     {"pair", "granular/table", "contact of spheres and discs, tabulated", &create<cgfibre::PairGranularTable>, nullptr},
     {"fix", "wall/granular/table", "wall for granular/table", nullptr, &create_of<cgfibre::FixWallGranularTable>},
+    {"fix", "disc/support", "springs, drag of the discs of a section", nullptr, &create_of<cgfibre::FixDiscSupport>},
     {"compute", "capsule/local", "contacts of pair capsule", nullptr, &create_of<cgfibre::ComputeCapsuleLocal>},
     {"fix", "CGFIBRE/SEGMENTS", "which bead follows which", nullptr, &create_of<cgfibre::FixSegments>},
     {"fix", "CGFIBRE/HISTORY", "histories of contacts", nullptr, &create_of<cgfibre::FixHistory>},
