@@ -299,10 +299,10 @@ def _slide_guard(plan: Plan, system: FilamentSystem, frames: Frames) -> Guard:
 def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> list[Guard]:
     """Guards on every sample of the run, not on the few frames alone."""
     d = float(np.max(system.diameter))
-    softening, factor = plan.contact.softening, np.ones(len(extremes.closest))
+    factor = np.ones(len(extremes.closest))
     if extremes.balance is not None:
         factor = extremes.balance.factor[1:]
-    found = [_depth_guard("overlap of filaments", 1 - extremes.closest / d, softening, factor)]
+    found = [_depth_guard("overlap of filaments", 1 - extremes.closest / d, plan, factor)]
     if plan.platens.shape != "crimped":
         top, bottom = platen_heights(system, plan)
         reach = extremes.z_hi + d / 2 - (top - extremes.displacement)
@@ -320,7 +320,7 @@ def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> l
                 )
             )
         else:
-            found.append(_depth_guard("overlap with a platen", reach / d, softening, factor))
+            found.append(_depth_guard("overlap with a platen", reach / d, plan, factor))
     if plan.level == "section" and plan.discs == "engine" and plan.springs[1] > 0:
         turn = float(np.max(extremes.turn))
         found.append(
@@ -335,12 +335,13 @@ def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> l
     return found
 
 
-def _depth_guard(name: str, overlaps: FloatArray, softening: float, factor: FloatArray) -> Guard:
+def _depth_guard(name: str, overlaps: FloatArray, plan: Plan, factor: FloatArray) -> Guard:
     """Overlaps over D: what softening adds to the real approach of the surfaces, and whether that is still Hertz'.
 
     ``factor``: how many times stiffer than at first the softened contacts had become by each sample.
     """
-    artefact, overlap = (float(np.max(x, initial=0.0)) for x in (overlaps * (1 - factor / softening), overlaps))
+    added = overlaps * (1 - factor / plan.contact.softening)
+    artefact, overlap = (float(np.max(x, initial=0.0)) for x in (added, overlaps))
     if artefact > OVERLAP_LIMIT:
         return Guard(
             name,
