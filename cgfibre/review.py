@@ -344,7 +344,8 @@ def _depth_guard(name: str, overlaps: FloatArray, softening: float, factor: Floa
     ``factor``: how many times stiffer than at first the softened contacts had become by each sample. ``soft``: tows,
     whose law is of their whole section.
     """
-    artefact, overlap = (float(np.max(x, initial=0.0)) for x in (overlaps * (1 - factor / softening), overlaps))
+    added = overlaps * (1 - factor / softening)
+    artefact, overlap = (float(np.max(x, initial=0.0)) for x in (added, overlaps))
     if artefact > OVERLAP_LIMIT:
         return Guard(
             name,
