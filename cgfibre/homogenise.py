@@ -65,7 +65,7 @@ def derive_law(scene: Scene, options: LawOptions, note: Note | None = None, engi
     """
     engine = engine or find_engine()
     say = note or (lambda _: None)
-    count = options.filaments or scene.assembly.count
+    count = options.filaments or scene.bundle.count
     d, depth = scene.filament.diameter, 1.0
     mass = scene.filament.density * np.pi / 4 * d**2 * depth
     contact = plan_contact(scene, "hooke", depth, mass, options.softening)

@@ -34,6 +34,8 @@ SHIPPED = [
     "carbon-12k-section",
     "carbon-12k-tow",
 ]
+#: see test_weave_scene.py
+WEAVES = ["carbon-satin", "carbon-weave", "glass-twill", "glass-weave", "nylon-weave", "nylon-weave-filaments"]
 ABSENT = object()
 CENTRES = "y_um,z_um\n0.1,0.2\n7.5,0.0\n-3.0,7.25\n"
 FILE = {"assembly.arrangement": "file", "assembly.centres": CENTRES, "assembly.count": ABSENT,
@@ -182,8 +184,8 @@ def test_a_scene_is_frozen():
 
 def test_all_scenes_ship_in_natural_order():
     names = shipped_scenes()
-    assert set(names) == {*SHIPPED, "capstan-column"}
-    assert names.index("capstan-column") == 0 and names.index("carbon-2") == 1 and names[-1] == "carbon-12k-tow"
+    assert set(names) == {*SHIPPED, *WEAVES, "capstan-column"}
+    assert names.index("capstan-column") == 0 and names.index("carbon-2") == 1 and names[-1] == "nylon-weave-filaments"
     assert names.index("carbon-19") < names.index("carbon-37") < names.index("carbon-127")
 
 
@@ -342,7 +344,7 @@ BAD = [
     ({"platen": {}}, "platen", "did you mean platens?"),
     ({"count": 37}, "count", "did you mean assembly.count?"),
     ({"assembly.cuont": 37}, "assembly.cuont", "did you mean assembly.count?"),
-    ({"platens.tension": "1 cN"}, "platens.tension", "did you mean ends.tension?"),
+    ({"platens.tension": "1 cN"}, "platens.tension", "did you mean ends.tension or cell.tension?"),
     ({"platens.stop.presure": "1 MPa"}, "platens.stop.presure", "did you mean platens.stop.pressure?"),
     ({"filament": OWN | {"diametre": "7 um"}}, "filament.diametre", "did you mean filament.diameter?"),
     ({"zzz": 1}, "zzz", "a known key"),
@@ -369,7 +371,7 @@ BAD = [
     ({"filament.density": "1800"}, "filament.density", "a density such as '1800 kg/m**3'"),
     ({"filament.density": "1800 g/cm3"}, "filament.density", "at most"),
     # assembly
-    ({"assembly.kind": "weave"}, "assembly.kind", "woven fabrics are not in this version"),
+    ({"assembly.kind": "weave"}, "assembly.count", "a known key"),
     ({"assembly.kind": "braid"}, "assembly.kind", "expected 'bundle'"),
     ({"assembly.count": ABSENT}, "assembly.count", "(not given): expected a whole number"),
     ({"assembly.count": 0}, "assembly.count", "at least 1"),
@@ -436,7 +438,7 @@ BAD = [
     ({"platens.unload": 1}, "platens.unload", "true or false"),
     ({"platens.unload": "yes"}, "platens.unload", "true or false"),
     # contact
-    ({"contact.law": "hook"}, "contact.law", "'auto', 'hooke', 'hertz' or 'line'"),
+    ({"contact.law": "hook"}, "contact.law", "'auto', 'hooke', 'hertz', 'line', 'linear', 'exponential' or 'table'"),
     ({"contact.law": "hertz", "contact.shape": "capsule"}, "contact.law", "hertz is for beads"),
     ({"contact.kinetic_friction": 0.3}, "contact.kinetic_friction", "at most contact.friction, 0.2"),
     ({"contact.kinetic_friction": 0.1, "contact.shape": "beads"}, "contact.kinetic_friction", "contact.shape"),

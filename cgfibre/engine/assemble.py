@@ -10,14 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
-from cgfibre.engine.capsule import capsule_parameters, friction_table
+from cgfibre.engine.capsule import capsule_parameters, tables
 from cgfibre.engine.datafile import DataFile, Topology, group_types
+from cgfibre.engine.fabric import fabric_parameters, rest_forces
 from cgfibre.engine.mirror import right_half
 from cgfibre.engine.subbundle import law_files
 from cgfibre.errors import InputError
 from cgfibre.mechanics.elastica import SpringLaw
 from cgfibre.plan.contact import STIFFEN_FROM, STIFFEN_TO, TANGENTIAL_DAMPING
-from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, ROD_DAMPING, Contact, Plan
+from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, ROD_DAMPING, Contact, Plan, every_bead
 from cgfibre.plan.section_platens import first_touch
 
 ROLES = 5
@@ -56,7 +57,7 @@ def beads_under(system: FilamentSystem, plan: Plan, span: tuple[float, float] | 
     """(n_beads,) bool: beads that a platen of this span presses, as built (None: a platen without edges)."""
     if plan.flat:
         return np.ones(system.n_beads, dtype=bool)
-    touching = np.tile(plan.beads.role, system.n_filaments) == CONTACT
+    touching = every_bead(system, plan.beads.role) == CONTACT
     if span is None:
         return touching
     x = system.positions[:, 0]
@@ -205,9 +206,8 @@ def _crimp(plan: Plan, top: float, bottom: float) -> dict[str, float | int | str
 
 
 def _along(system: FilamentSystem, plan: Plan) -> tuple[IntArray, FloatArray]:
-    """Role and mass of every bead from those of the stations all filaments share."""
-    n = system.n_filaments
-    return np.tile(plan.beads.role, n), np.tile(plan.beads.mass, n)
+    """Role and mass of every bead."""
+    return every_bead(system, plan.beads.role), every_bead(system, plan.beads.mass)
 
 
 def _strain(system: FilamentSystem, plan: Plan) -> FloatArray:
@@ -218,7 +218,7 @@ def _strain(system: FilamentSystem, plan: Plan) -> FloatArray:
     EA = np.array([k.EA for k in t])[system.filament_type[filament]]
     if plan.beads.closed:  # no ends to pull: the tension is built in
         return plan.axial_softening * (system.prestrain[filament] + plan.beads.tension / EA)
-    role = np.tile(plan.beads.role, system.n_filaments)
+    role = every_bead(system, plan.beads.role)
     right = role == RIGHT
     # every held bead is loaded: a bond between two of them carries the outer one's share
     loaded = np.where(right[bonds[:, 0]] & right[bonds[:, 1]], 1, max(1, int(np.sum(plan.beads.role == RIGHT))))
@@ -239,6 +239,12 @@ def rest_bends(system: FilamentSystem) -> FloatArray:
     return np.arctan2(cross, np.sum(u * v, axis=1))
 
 
+def _molecules(system: FilamentSystem, plan: Plan) -> IntArray:
+    """(n_beads,) molecule of every bead: what never touches itself, a filament or all chains of a tow."""
+    whole = plan.woven is not None and plan.woven.resolve == "tow"
+    return (system.tow if whole else np.arange(system.n_filaments))[system.filament_of_bead] + 1
+
+
 def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
     system, plan = right_half(whole, plan)
     role, mass = _along(system, plan)
@@ -251,8 +257,7 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
     bond = Topology(
         "Bond", bonds, bond_kind, [(float(EA[i] / (2 * rest[i])), float(rest[i])) for i in first], "harmonic"
     )
-    station = angles[:, 1] - system.filament_start[system.filament_of_bead[angles[:, 1]]]
-    stiffness = plan.beads.hinge[station]
+    stiffness = every_bead(system, plan.beads.hinge)[angles[:, 1]]
     style = "cosine"
     rows: list[tuple[float, ...]]
     bend = rest_bends(system)
@@ -283,7 +288,7 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
             p[:, 2],
             diameter,
             _density(mass, diameter),
-            system.filament_of_bead + 1,
+            _molecules(system, plan),
         ],
         atom_format=["%d", "%.17g", "%.17g", "%.17g", "%.17g", "%.17g", "%d"],
         n_types=n_types,
@@ -291,6 +296,7 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
         pair_style="granular",
         pair_rows=[] if plan.contact.per_length else _pair_rows(n_types, plan.contact),
         topologies=topologies,
+        rest=rest_forces(system, plan),
     )
     parameters = _common(system, plan) | {
         "ghost_cutoff_um": _ghost_cutoff(system, plan),
@@ -305,11 +311,12 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
         "end_load_nN": plan.beads.end_load,
         "boundary_x": "p" if plan.beads.closed else "m",
     }
+    parameters |= fabric_parameters(system, plan)
     if plan.beads.support == "symmetric":
         parameters |= {"mirror": 2, "plane_x_um": float(plan.beads.stations[1])}
     if plan.beads.support == "condensed":
         parameters["far_transverse_nN_um"], parameters["far_axial_nN_um"] = plan.beads.far_spring
-    return Deck("in.chain", parameters, data, {}, friction_table(plan.contact))
+    return Deck("in.chain", parameters, data, {}, tables(plan.contact))
 
 
 def _ghost_cutoff(system: FilamentSystem, plan: Plan) -> float:
@@ -412,8 +419,7 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         molecule = np.concatenate([molecule, np.tile(np.arange(1, system.n_filaments + 1), 2)])
         beads = n + len(grips)
     kinds, first_row = group_types(bond_kind, rest, lighter)
-    station = angles[:, 1] - system.filament_start[system.filament_of_bead[angles[:, 1]]]
-    gauge = plan.beads.hinge[station] * ANGLE_GAUGE
+    gauge = every_bead(system, plan.beads.hinge)[angles[:, 1]] * ANGLE_GAUGE
     angle_kind, first_angle = group_types(gauge)
     diameter = np.full(beads, kind.diameter)
     n_types = ROLES
@@ -470,12 +476,12 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         "end_load_nN": plan.beads.end_load,
         "boundary_x": "p" if plan.beads.closed else "m",
     }
-    tables = {
+    columns = {
         "bond_kinds.txt": bond_kind[first_row],
         "bond_lengths.txt": rest[first_row],
         "bond_masses.txt": lighter[first_row],
     }
-    return Deck("in.rod", parameters, data, tables, friction_table(plan.contact))
+    return Deck("in.rod", parameters, data, columns, tables(plan.contact))
 
 
 def _check_upright(vectors: FloatArray) -> None:

@@ -28,7 +28,8 @@ from cgfibre.plan.motion import Bodies, depths_below_top, loose, plan_motion
 from cgfibre.plan.outline import Outline, arrangement_spec
 from cgfibre.plan.promise import promise
 from cgfibre.plan.section import DISC_INERTIA
-from cgfibre.scene import Scene, Subbundle
+from cgfibre.scene import Scene
+from cgfibre.scene_assembly import Subbundle
 from cgfibre.subbundle_law import SubbundleLaw, Table, find_law
 
 #: layers of discs below which a section flattens within their width: then a disc, which stays round, is no model of it
@@ -44,13 +45,13 @@ ARRANGEMENTS = ("circular", "hexagonal", "rectangular", "elliptic", "racetrack")
 
 def asked_subbundle(scene: Scene) -> Subbundle:
     """The scene's table, or the defaults."""
-    return scene.assembly.subbundle or Subbundle()
+    return scene.bundle.subbundle or Subbundle()
 
 
 def disc_count(scene: Scene) -> int:
     """Number of discs: the count over the filaments of one; of the circular arrangement the nearest full rings."""
-    wanted = scene.assembly.count / asked_subbundle(scene).filaments
-    if scene.assembly.arrangement != "circular":
+    wanted = scene.bundle.count / asked_subbundle(scene).filaments
+    if scene.bundle.arrangement != "circular":
         return max(1, round(wanted))
     rings = (math.sqrt(12 * max(wanted, 1.0) - 3) - 3) / 6
     near = [1 + 3 * n * (n + 1) for n in (math.floor(rings), math.ceil(rings))]
@@ -76,7 +77,7 @@ def disc_centres(scene: Scene, out: Outline) -> tuple[FloatArray, float]:
     Raises InputError where the discs would overlap for it.
     """
     wanted = disc_count(scene)
-    circular = scene.assembly.arrangement == "circular"
+    circular = scene.bundle.arrangement == "circular"
     counts = range(math.ceil((1 - NEARBY) * wanted), math.floor((1 + NEARBY) * wanted) + 1)
     tried = [_stretched(scene, out, n) for n in ([wanted] if circular else counts)]
     centres, stretch, pitch = min(tried, key=lambda t: float(np.sum(np.abs(np.log(t[1])))))
@@ -108,7 +109,7 @@ def _stretched(scene: Scene, out: Outline, count: int) -> tuple[FloatArray, Floa
     """Centres of ``count`` discs stretched to the filaments' outline, about the origin, the stretch and their pitch."""
     spec = discs_spec(scene, out.pitch, count)
     pitch = float(spec.pitch or out.pitch)
-    centres = arrange(spec, scene.filament.diameter, np.random.default_rng(scene.assembly.seed))
+    centres = arrange(spec, scene.filament.diameter, np.random.default_rng(scene.bundle.seed))
     centres = centres - (centres.max(axis=0) + centres.min(axis=0)) / 2
     stretch = np.ones(2)
     if spec.name != "circular":
@@ -120,7 +121,7 @@ def _stretched(scene: Scene, out: Outline, count: int) -> tuple[FloatArray, Floa
 def with_groups(system: FilamentSystem, scene: Scene) -> FilamentSystem:
     """The discs in GROUPS kinds of one size, as many of each, dealt out with the scene's seed."""
     kinds = np.arange(system.n_filaments) % GROUPS
-    np.random.default_rng([scene.assembly.seed, GROUPS]).shuffle(kinds)
+    np.random.default_rng([scene.bundle.seed, GROUPS]).shuffle(kinds)
     return replace(system, types=system.types * GROUPS, filament_type=kinds)
 
 
@@ -135,7 +136,7 @@ def plan_subbundle(scene: Scene, out: Outline, level: str, choices: list[Choice]
     each = len(out.centres) / n
     size = table.size * math.sqrt(each) * d
     _check_layers(scene, out, each, size)
-    length = scene.assembly.length
+    length = scene.bundle.length
     width = length if scene.platens.width == "full" else float(scene.platens.width)
     depth = width if scene.model.depth == "auto" else float(scene.model.depth)
     softening = _softening(scene)
@@ -237,7 +238,7 @@ def _filament_springs(scene: Scene, out: Outline) -> tuple[float, float]:
     """(nN/um, nN um/rad) that hold one filament, as level section has them; none in a periodic cell."""
     if nothing_varies(scene):
         return 0.0, 0.0
-    f, length, tension = out.filament, scene.assembly.length, scene.ends.tension
+    f, length, tension = out.filament, scene.bundle.length, scene.ends.tension
     loaded = 0.0 if scene.platens.width == "full" else float(scene.platens.width)
     if scene.model.spring == "thesis":
         k = float(support.thesis_mid_span_stiffness(length, f.EI, tension))

@@ -13,6 +13,7 @@ from cgfibre.build.system import FilamentSystem
 from cgfibre.plan.model import Discs, Plan
 from cgfibre.plan.outline import arrangement_spec, scene_filament
 from cgfibre.plan.subbundle import with_groups
+from cgfibre.plan.tows import woven_system
 from cgfibre.scene import Scene
 
 
@@ -21,7 +22,9 @@ def build_system(scene: Scene, plan: Plan) -> FilamentSystem:
 
     A periodic cell (symmetry ends) closes every filament on itself, with the box one cell long.
     """
-    a = scene.assembly
+    if plan.woven is not None:
+        return woven_system(scene, plan.woven.resolve, plan.woven.asked_spacing)
+    a = scene.bundle
     rng = np.random.default_rng(a.seed)
     if plan.discs is not None:
         return _subbundles(scene, plan.discs, rng)
@@ -67,6 +70,6 @@ def _subbundles(scene: Scene, discs: Discs, rng: np.random.Generator) -> Filamen
         mass_per_length=n * one.mass_per_length,
     )
     spec = BundleSpec(
-        filament=together, section=np.array(discs.centres), stations=None, jitter=scene.assembly.jitter * math.sqrt(n)
+        filament=together, section=np.array(discs.centres), stations=None, jitter=scene.bundle.jitter * math.sqrt(n)
     )
     return with_groups(build_section(spec, rng), scene)
