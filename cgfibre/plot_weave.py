@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cgfibre.build.system import BoolArray, FilamentSystem, FloatArray
 from cgfibre.errors import InputError
-from cgfibre.plot import BLUE, INK, PIXEL_BUDGET, VERMILION, BundleView, Camera, Tubes, render_tubes
+from cgfibre.measure.fabric import lines_of
+from cgfibre.plot import (
+    BLUE,
+    INK,
+    PIXEL_BUDGET,
+    VERMILION,
+    BundleView,
+    Camera,
+    Tubes,
+    new_figure,
+    render_tubes,
+    style,
+)
 
 if TYPE_CHECKING:
-    from cgfibre.plot import Axes
+    from cgfibre.plot import Axes, Figure
 
 #: pixels along the picture's width
 WIDE = 1600
@@ -108,3 +121,57 @@ def draw_tows(
     if view.title:
         ax.set_title(view.title)
     return ax
+
+
+def repeated(system: FilamentSystem, positions: FloatArray, least: int = 4) -> FilamentSystem:
+    """So many periodic cells beside each other, as open chains, that ``least`` tows stand in either direction.
+
+    A fabric that does not repeat comes back at ``positions``. Raises :class:`InputError` as :func:`lines_of`.
+    """
+    lines = lines_of(system, positions)
+    size = system.box[:, 1] - system.box[:, 0]
+    warp = along_x(system)
+    counts = [1, 1]
+    for axis, across in ((0, ~warp), (1, warp)):
+        if system.periodic[axis]:
+            counts[axis] = max(1, -(-least // max(1, len(np.unique(system.tow[across])))))
+    shifts = [np.array([i * size[0], j * size[1], 0.0]) for i in range(counts[0]) for j in range(counts[1])]
+    points = np.concatenate([lines.points + shift for shift in shifts])
+    starts = [lines.start[:-1] + k * len(lines.points) for k in range(len(shifts))]
+    n, copies = system.n_filaments, len(shifts)
+    return FilamentSystem(
+        positions=points,
+        filament_start=np.append(np.concatenate(starts), len(points)),
+        closed=np.zeros(n * copies, dtype=bool),
+        tow=np.concatenate([system.tow + k * (int(system.tow.max()) + 1) for k in range(copies)]),
+        filament_type=np.tile(system.filament_type, copies),
+        types=system.types,
+        box=np.stack([points.min(axis=0), points.max(axis=0)], axis=1),
+        periodic=np.zeros(3, dtype=bool),
+        prestrain=np.zeros(n * copies),
+    )
+
+
+def figure_weave(system: FilamentSystem, states: Mapping[str, FloatArray], view: TowView | None = None) -> Figure:
+    """The fabric in 3D, one picture a state, beside each other on the same scale; ``states`` title -> positions.
+
+    A periodic cell is shown several times (:func:`repeated`).
+    """
+    if not states:
+        raise InputError("states", 0, "at least one state to draw")
+    view = view or TowView()
+    shown = {title: repeated(system, positions) for title, positions in states.items()}
+    fig = new_figure(5.4 * len(shown), 4.3)
+    with style():
+        axes = fig.subplots(1, len(shown), squeeze=False)[0]
+        limits = []
+        for ax, (title, cells) in zip(axes, shown.items(), strict=True):
+            draw_tows(ax, cells, view=replace(view, title=title))
+            limits.append((*ax.get_xlim(), *ax.get_ylim()))
+        low, high = np.min(limits, axis=0), np.max(limits, axis=0)
+        for ax in axes:
+            ax.set_xlim(low[0], high[1])
+            ax.set_ylim(low[2], high[3])
+        wide, tall = high[1] - low[0], high[3] - low[2]
+        fig.set_size_inches(5.4 * len(shown), float(np.clip(5.4 * tall / wide + 0.4, 2.0, 8.0)))
+    return fig

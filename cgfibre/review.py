@@ -20,9 +20,10 @@ from cgfibre.measure.segments import LineLaw, segment_contacts
 from cgfibre.measure.voids import find_voids
 from cgfibre.mechanics.contact import LineContact
 from cgfibre.plan.contact import OVERLAP_LIMIT
-from cgfibre.plan.model import FREE, Plan
+from cgfibre.plan.model import FREE, Plan, every_bead
 from cgfibre.plan.motion import REFERENCE_DISPLACEMENT
 from cgfibre.record import Balance, Curve, Frames
+from cgfibre.review_fabric import fabric_statistics, passing_guard, upright
 from cgfibre.scene import Scene
 
 #: largest kinetic energy over work beyond the reference displacement
@@ -40,6 +41,8 @@ SLIDE_LIMIT = 0.15
 TURN_LIMIT = 0.5
 #: approach over D at which the line contact's theory ends: b/R = 0.58 at 10 N/mm of carbon, 6 % soft there
 APPROACH_LIMIT = 0.25
+#: the same of soft tows over their thickness: half of it
+TOW_LIMIT = 0.5
 #: filaments of beads at most D apart overlap by 0.29 D on their way through each other (sqrt(1/2) D between centres)
 PASSING_OVERLAP = 0.2
 #: largest difference of the platen's path from the plan's, over the whole path
@@ -72,7 +75,9 @@ class Review:
 
 def mid_plane(scene: Scene, plan: Plan) -> float:
     """x of the plane under the middle of the platen, um."""
-    return 0.0 if plan.level == "section" else scene.assembly.length / 2
+    if plan.woven is not None:
+        return plan.woven.size[0] / 2
+    return 0.0 if plan.flat else scene.bundle.length / 2
 
 
 def platen_gaps(plan: Plan, system: FilamentSystem, displacement: float) -> tuple[Gap, Gap]:
@@ -173,6 +178,8 @@ def quasi_static_from(plan: Plan, system: FilamentSystem, curve: Curve) -> float
     """
     d, force = curve["displacement_um"][curve.loading], curve["force_top_N"][curve.loading] * 1e9
     start = min(REFERENCE_DISPLACEMENT * float(np.max(system.diameter)), plan.motion.targets[0].displacement / 2)
+    if plan.woven is not None:  # tows touch at once, and are thick
+        start = 0.0
     short = np.flatnonzero((d < start) | (force < plan.motion.quasi_static_force(d)))
     after = int(short[-1]) + 1 if len(short) else 0
     return float(d[after]) if after < len(d) else None
@@ -184,7 +191,10 @@ def _guards(scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, fram
         found.append(guards.lost_beads(system.n_beads, int(np.sum(np.isfinite(frames.positions[-1]).all(axis=1)))))
     if not found[0].ok or not all(g.ok for g in found) or len(frames) == 0:
         return found  # geometry of what is not finite says nothing
-    found.append(guards.filaments_through_each_other(system, frames, swaps))
+    if plan.woven is not None:
+        found.append(passing_guard(system, plan, upright(plan, frames)))
+    else:
+        found.append(guards.filaments_through_each_other(system, frames, swaps))
     for side, span in enumerate((plan.platens.top_span, plan.platens.bottom_span)):
         # a platen presses the beads that were built under it, wherever they slide
         pressed = beads_under(system, plan, span)
@@ -196,10 +206,12 @@ def _guards(scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, fram
                 f"beads past the {('top', 'bottom')[side]} platen",
             )
         )
-    if plan.level != "section":
+    if not plan.flat:
         found.append(guards.stretch(system, frames, plan.axial_softening))
-        found.append(guards.largest_bend(system, frames))
-        found.append(_gone_guard(scene, plan, system, frames))
+        if plan.woven is None or plan.woven.shear == 0:  # the cell's edges are square in what was built
+            found.append(guards.largest_bend(system, frames))
+        if plan.woven is None:
+            found.append(_gone_guard(scene, plan, system, frames))
     found.append(guards.force_balance(curve, applies=plan.beads.support == "periodic"))
     if plan.platens.top_span is not None and not plan.contact.per_length:  # a segment meets the edge where that is
         found.append(_slide_guard(plan, system, frames))
@@ -295,10 +307,13 @@ def _slide_guard(plan: Plan, system: FilamentSystem, frames: Frames) -> Guard:
 def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> list[Guard]:
     """Guards on every sample of the run, not on the few frames alone."""
     d = float(np.max(system.diameter))
-    softening, factor = plan.contact.softening, np.ones(len(extremes.closest))
+    # a sub-bundle's law goes as far as its table; softened or not, overlap is the model
+    softening = 1.0 if plan.discs is not None else plan.contact.softening
+    factor = np.ones(len(extremes.closest))
     if extremes.balance is not None:
         factor = extremes.balance.factor[1:]
-    found = [_depth_guard("overlap of filaments", 1 - extremes.closest / d, softening, factor)]
+    soft = plan.woven is not None and plan.woven.resolve == "tow"
+    found = [_depth_guard("overlap of filaments", 1 - extremes.closest / d, softening, factor, soft)]
     if plan.platens.shape != "crimped":
         top, bottom = platen_heights(system, plan)
         reach = extremes.z_hi + d / 2 - (top - extremes.displacement)
@@ -316,8 +331,8 @@ def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> l
                 )
             )
         else:
-            found.append(_depth_guard("overlap with a platen", reach / d, softening, factor))
-    if plan.level == "section" and plan.discs == "engine" and plan.springs[1] > 0:
+            found.append(_depth_guard("overlap with a platen", reach / d, softening, factor, soft))
+    if plan.flat and plan.disc_fixes == "engine" and plan.springs[1] > 0:
         turn = float(np.max(extremes.turn))
         found.append(
             Guard(
@@ -331,12 +346,14 @@ def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> l
     return found
 
 
-def _depth_guard(name: str, overlaps: FloatArray, softening: float, factor: FloatArray) -> Guard:
+def _depth_guard(name: str, overlaps: FloatArray, softening: float, factor: FloatArray, soft: bool = False) -> Guard:
     """Overlaps over D: what softening adds to the real approach of the surfaces, and whether that is still Hertz'.
 
-    ``factor``: how many times stiffer than at first the softened contacts had become by each sample.
+    ``factor``: how many times stiffer than at first the softened contacts had become by each sample. ``soft``: tows,
+    whose law is of their whole section.
     """
-    artefact, overlap = (float(np.max(x, initial=0.0)) for x in (overlaps * (1 - factor / softening), overlaps))
+    added = overlaps * (1 - factor / softening)
+    artefact, overlap = (float(np.max(x, initial=0.0)) for x in (added, overlaps))
     if artefact > OVERLAP_LIMIT:
         return Guard(
             name,
@@ -346,13 +363,16 @@ def _depth_guard(name: str, overlaps: FloatArray, softening: float, factor: Floa
             f"{name}: softened contacts add {artefact:.1%} of a diameter (limit {OVERLAP_LIMIT:.0%}), which thickness "
             "takes up; lower contact.softening",
         )
+    limit = TOW_LIMIT if soft else APPROACH_LIMIT
+    why = "the line contact's theory ends there); press less, or raise contact.line_load"
+    if soft:
+        why = "a tow as thin as that is no rod of its thickness any more); press less, or raise contact.stiffness"
     return Guard(
         name,
-        overlap <= APPROACH_LIMIT,
+        overlap <= limit,
         overlap,
-        APPROACH_LIMIT,
-        f"{name}: surfaces approach by {overlap:.1%} of a diameter (limit {APPROACH_LIMIT:.0%}: the line contact's "
-        "theory ends there); press less, or raise contact.line_load",
+        limit,
+        f"{name}: surfaces approach by {overlap:.1%} of a diameter (limit {limit:.0%}: {why}",
     )
 
 
@@ -360,6 +380,12 @@ def frame_statistics(
     scene: Scene, plan: Plan, system: FilamentSystem, frames: Frames
 ) -> dict[str, tuple[np.ndarray, str]]:
     """Distribution of the filaments under the middle of the platen and their contacts, one row a frame."""
+    if plan.woven is not None:
+        if plan.woven.shear != 0:
+            return {}  # measured in a square cell alone
+        top, bottom = platen_heights(system, plan)
+        faces = np.column_stack([np.full(len(frames), bottom), top - frames.displacement_um])
+        return fabric_statistics(system, frames, faces, line_law(plan, system), hertz_modulus(plan))
     x = mid_plane(scene, plan)
     d = float(np.max(system.diameter))
     rows: list[dict[str, Any]] = []
@@ -422,9 +448,9 @@ def frame_statistics(
 
 def contact_length(plan: Plan, system: FilamentSystem) -> FloatArray:
     """(n_beads,) length of contact line that a bead stands for, um; 0 where beads do not touch."""
-    if plan.level == "section":
+    if plan.flat:
         return np.full(system.n_beads, plan.depth)
-    role = np.tile(plan.beads.role, system.n_filaments)
+    role = every_bead(system, plan.beads.role)
     return np.where(role == 0, plan.spacing, 0.0)
 
 
@@ -434,7 +460,7 @@ def contacts_under_platen(plan: Plan, system: FilamentSystem, positions: FloatAr
     ``factor``: how many times stiffer than at first a section's softened contacts had become (Frames.factor).
     """
     if plan.contact.per_length:
-        touching = np.tile(plan.beads.role, system.n_filaments) != FREE
+        touching = every_bead(system, plan.beads.role) != FREE
         contacts = segment_contacts(system, positions, line_law(plan, system), touching)
     else:
         now = factor * plan.contact.line_stiffness / plan.contact.softening
@@ -448,9 +474,18 @@ def line_law(plan: Plan, system: FilamentSystem) -> LineLaw:
     c = plan.contact
     if c.law == "hooke":
         return lambda overlap: c.kn * overlap
+    if c.law == "table":
+        d, load = (np.array([row[k] for row in c.pair]) for k in (0, 1))
+        steep = (load[-1] - load[-2]) / (d[-1] - d[-2])
+        return lambda overlap: np.interp(overlap, d, load, left=0.0) + steep * np.maximum(overlap - d[-1], 0.0)
     radius = float(np.max(system.diameter)) / 2
     line = LineContact(c.modulus, radius / 2, radius)
     return lambda overlap: line.line_load(np.minimum(overlap, 0.999 * line.greatest_approach))
+
+
+def hertz_modulus(plan: Plan) -> float | None:
+    """E* (kPa) with which filaments that cross take Hertz' law, or None where they never do."""
+    return plan.contact.modulus if plan.contact.law == "line" else None
 
 
 def _contact_row(plan: Plan, system: FilamentSystem, positions: FloatArray, factor: float) -> dict[str, Any]:

@@ -14,23 +14,22 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import tomli_w
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from cgfibre import units
 from cgfibre.errors import InputError
 from cgfibre.materials import MATERIALS, find_material, isotropic_shear_modulus
+from cgfibre.scene_assembly import LEAST_VOID_FRACTION, Bundle, Cell, Weave, full_rings
 from cgfibre.scene_values import (
     NOT_GIVEN,
     Abridged,
-    Angle,
     AngleTable,
     AutoFactor,
     AutoLength,
@@ -42,38 +41,25 @@ from cgfibre.scene_values import (
     ForceOrZero,
     Friction,
     FullLength,
-    Length,
-    LengthOrZero,
+    LawRows,
+    LawText,
     LineForce,
     Modulus,
     PoissonRatio,
+    Table,
     TimeOrZero,
-    Twist,
     Value,
     refusal,
 )
+from cgfibre.subbundle_law import shipped_laws
 
-#: void fraction of touching filaments in hexagonal order, 1 - pi / (2 sqrt 3)
-LEAST_VOID_FRACTION = 1.0 - math.pi / (2.0 * math.sqrt(3.0))
+#: levels of a cross-section, which have no length along the filaments
+FLAT = ("section", "subbundle")
 
 T = TypeVar("T", bound=BaseModel)
 
 
-class _Table(BaseModel):
-    """A table of the scene: no other keys than its fields, never changed once made."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
-
-    def _shown(self, key: str) -> object:
-        """The value of a field as the scene writes it."""
-        return self.model_dump(include={key})[key]
-
-
-#: for the scenes of other tests, which have tables of their own
-Table = _Table
-
-
-class Filament(_Table):
+class Filament(Table):
     """``[filament]``: one fibre, transversely isotropic about its axis.
 
     A named material of the library fills what is not given; without one, all are required but ``nu12`` (0.3) and
@@ -116,132 +102,31 @@ class Filament(_Table):
         return self.E1 * math.pi * self.diameter**2 / 4.0
 
 
-class Migration(_Table):
-    """``[assembly.migration]``: filaments that wander in radius along their length (thesis Eqs 2-1, 2-2).
-
-    ``period`` is the length of one wander out and back; ``minimum_radius`` the least radius over the bundle's;
-    ``epsilon`` and ``beta`` the parameters of the packing probability p(R), Eq 2-1.
-    """
-
-    period: Length
-    minimum_radius: Annotated[float, Value(least=0.0, below=1.0)] = 0.0
-    epsilon: Annotated[float, Value(least=0.0, most=0.5)] = 0.05
-    beta: Annotated[float, Value(least=0.0, most=100.0)] = 0.3
+#: kind -> table
+ASSEMBLIES: dict[str, type[Bundle] | type[Weave]] = {"bundle": Bundle, "weave": Weave}
 
 
-class Bundle(_Table):
-    """``[assembly]`` of kind "bundle": filaments side by side.
-
-    Regular arrangements take their centre distance from ``pitch`` or from ``void_fraction`` (hexagonal relation, 0.31
-    if neither is given), the random one takes ``fibre_volume_fraction``. ``aspect`` is width over height. The
-    arrangement "file" takes ``centres``, such as those found in a micrograph; ``count`` is then theirs.
-    """
-
-    kind: Literal["bundle"] = "bundle"
-    count: Annotated[int, Value(whole=True, least=1, most=10_000_000)]
-    arrangement: Literal[
-        "circular", "hexagonal", "rectangular", "elliptic", "racetrack", "virtual", "random", "file"
-    ] = "circular"
-    centres: Annotated[tuple[tuple[float, float], ...] | None, CentresText()] = None
-    pitch: Annotated[float | None, Value("um", above=0.0, most=1e7)] = None
-    void_fraction: Annotated[float | None, Value(least=LEAST_VOID_FRACTION, most=0.95)] = None
-    fibre_volume_fraction: Annotated[float | None, Value(least=0.05, most=0.80)] = None
-    first_angle: Angle = 0.0
-    aspect: Annotated[float | None, Value(least=1e-3, most=1e3)] = None
-    length: Length
-    twist: Twist = 0.0
-    twist_direction: Literal["Z", "S"] = "Z"
-    twist_state: Literal["stress-free", "tensioned"] = "stress-free"
-    migration: Migration | None = None
-    jitter: LengthOrZero = 0.0
-    seed: Annotated[int, Value(whole=True, least=0, most=2**31 - 1)] = 0
-
-    @model_validator(mode="before")
-    @classmethod
-    def _fill(cls, data: Any) -> Any:
-        packing = ("pitch", "void_fraction", "fibre_volume_fraction")
-        if isinstance(data, dict) and data.get("arrangement") == "file":
-            if "count" in data or "centres" not in data:
-                return {"count": 1, **data}  # centres that are not there are named by a check of their own
-            with suppress(PydanticCustomError):  # named by its own field
-                return {**data, "count": len(CentresText().read(data["centres"]))}
-            return {"count": 1, **data}
-        if isinstance(data, dict) and data.get("arrangement") != "random" and not any(key in data for key in packing):
-            return {**data, "void_fraction": 0.31}
-        return data
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Bundle:
-        if self.arrangement == "file":
-            self._check_file()
-        elif self.centres is not None:
-            expected = f"no such key: {self.arrangement} packing places the filaments itself (or arrangement = 'file')"
-            raise refusal("centres", Abridged("(given)"), expected)
-        elif self.arrangement == "random":
-            for key in ("pitch", "void_fraction"):
-                if getattr(self, key) is not None:
-                    raise refusal(key, self._shown(key), "no such key: random packing takes fibre_volume_fraction")
-            if self.fibre_volume_fraction is None:
-                raise refusal("fibre_volume_fraction", NOT_GIVEN, "a number, at least 0.05 and at most 0.8")
-        elif self.fibre_volume_fraction is not None:
-            expected = f"no such key: {self.arrangement} packing takes pitch or void_fraction"
-            raise refusal("fibre_volume_fraction", self.fibre_volume_fraction, expected)
-        elif self.pitch is not None and self.void_fraction is not None:
-            raise refusal("pitch", self._shown("pitch"), "either pitch or void_fraction, not both")
-        if self.arrangement == "circular":
-            self._check_rings()
-        elif self.first_angle != 0.0:
-            expected = f"no such key: it turns the rings of a circular arrangement, this one is {self.arrangement}"
-            raise refusal("first_angle", self._shown("first_angle"), expected)
-        if self.aspect is not None and self.arrangement in ("circular", "hexagonal", "virtual", "random", "file"):
-            expected = f"no such key: it shapes rectangular, elliptic and racetrack, this one is {self.arrangement}"
-            raise refusal("aspect", self.aspect, expected)
-        return self
-
-    def _check_file(self) -> None:
-        if self.centres is None:
-            raise refusal("centres", NOT_GIVEN, CentresText.expected)
-        for key in ("pitch", "void_fraction", "fibre_volume_fraction"):
-            if getattr(self, key) is not None:
-                raise refusal(key, self._shown(key), "no such key: the centres are those of assembly.centres")
-        if self.count != len(self.centres):
-            raise refusal("count", self.count, f"{len(self.centres)}, the number of centres (or no count)")
-
-    def _check_rings(self) -> None:
-        n = _rings(self.count)
-        fewer, more = (1 + 3 * k * (k + 1) for k in (n, n + 1))
-        if self.count != fewer:
-            expected = f"full rings, 1 + 3 n (n + 1) filaments: {fewer} or {more} (or another arrangement)"
-            raise refusal("count", self.count, expected)
-
-    @property
-    def straight(self) -> bool:
-        """Whether filaments run straight along x."""
-        return self.twist == 0.0 and self.migration is None
-
-
-#: kind -> table; the place where a weave will stand
-ASSEMBLIES: dict[str, type[Bundle]] = {"bundle": Bundle}
+#: laws of soft tows
+TOW_LAWS = ("linear", "exponential", "table")
 
 
 def _assembly(data: Any) -> Any:
     if not isinstance(data, dict):
-        return data
+        raise refusal("", data, "a table [assembly]")
     kind = data.get("kind", "bundle")
     if not isinstance(kind, str) or kind not in ASSEMBLIES:
-        expected = _one_of(ASSEMBLIES) + _later("assembly.kind", kind)
-        raise refusal("kind", kind, expected)
+        raise refusal("kind", kind, _one_of(ASSEMBLIES))
     return ASSEMBLIES[kind].model_validate(data)
 
 
-class Ends(_Table):
+class Ends(Table):
     """``[ends]``: how filaments are held, and the tension on each."""
 
     support: Literal["simply-supported", "clamped", "symmetry"] = "simply-supported"
     tension: ForceOrZero = 4.0e5  # 0.04 cN
 
 
-class Stop(_Table):
+class Stop(Table):
     """``[platens.stop]``: where loading ends, by exactly one of five measures.
 
     ``line_force`` is the force on the platen over its length along the filaments (for a section: over its depth).
@@ -282,7 +167,7 @@ def _rows(data: Any) -> Any:
     return tuple(data) if isinstance(data, list) else data
 
 
-class Platens(_Table):
+class Platens(Table):
     """``[platens]``: the tools above and below, their motion and where it ends.
 
     ``width`` is along the filaments; ``bottom_width`` is the top's where not given. ``friction`` is that between
@@ -320,7 +205,7 @@ class Platens(_Table):
         return self
 
 
-class Contact(_Table):
+class Contact(Table):
     """``[contact]``: between filaments.
 
     ``shape``: filaments touch along their segments (capsule, needs the plugin) or bead by bead. ``line_load`` is where
@@ -328,25 +213,36 @@ class Contact(_Table):
     of two beads or stretches on their contact. ``kinetic_friction``: that of filaments that slip, where it is less than
     the static one; ``friction_by_angle``: the static one against the angle at which filaments cross, in place of
     ``friction`` (with ``kinetic_friction`` over ``friction`` as its ratio). Both for capsules.
+
+    Tows of a weave are soft across: law "linear" is a force per length of ``stiffness`` times the tow's modulus (its EA
+    over its fibres' area) times the overlap; "exponential" rises to that slope at the overlap ``rise``; "table" is that
+    of a CSV file, with columns overlap and force_per_length, or overlap and pressure (which acts on the area in which
+    tows cross); a third column "unloading" gives the way back.
     """
 
     shape: Literal["auto", "capsule", "beads"] = "auto"
     friction: Friction = 0.2
     kinetic_friction: Annotated[float | None, Value(least=0.0, most=2.0)] = None
     friction_by_angle: Annotated[tuple[tuple[float, float], ...] | None, AngleTable()] = None
-    law: Literal["auto", "hooke", "hertz", "line"] = "auto"
+    law: Literal["auto", "hooke", "hertz", "line", "linear", "exponential", "table"] = "auto"
+    stiffness: Annotated[float | None, Value(above=0.0, most=10.0)] = None
+    rise: Annotated[float | None, Value("um", above=0.0, most=1e6)] = None
+    table: Annotated[LawRows | None, LawText()] = None
     line_load: LineForce = 1.0e6  # 1 N/mm
     softening: AutoFactor = "auto"
     damping_ratio: Annotated[float | Literal["auto"], Value(words=("auto",), above=0.0, most=1.0)] = "auto"
 
 
-class Model(_Table):
-    """``[model]``: how it is computed. ``depth``, ``spring`` and ``torsional_spring`` belong to the section level.
+class Model(Table):
+    """``[model]``: how it is computed. ``resolve``: tows of a weave, or all their filaments.
+
+    ``depth``, ``spring`` and ``torsional_spring`` belong to the section level.
 
     ``most_steps`` of loading bound what an automatic platen speed may cost, whatever accuracy asks for.
     """
 
-    level: Literal["auto", "chain", "rod", "section"] = "auto"
+    level: Literal["auto", "chain", "rod", "section", "subbundle"] = "auto"
+    resolve: Literal["auto", "tow", "filament"] = "auto"
     spacing: AutoLength = "auto"
     accuracy: Annotated[float, Value(least=0.001, most=0.5)] = 0.05
     far_field: Literal["auto", "none", "graded", "condensed"] = "auto"
@@ -364,18 +260,19 @@ class Model(_Table):
     def _consistent(self) -> Model:
         section = ("depth", "spring", "torsional_spring")
         along = ("spacing", "axial_softening", "torsion", "symmetry")
-        for key in along if self.level == "section" else section:
+        flat = self.level in FLAT
+        for key in along if flat else section:
             if getattr(self, key) == type(self).model_fields[key].default:
                 continue
-            if self.level == "section":
-                expected = "no such key with level = 'section': a section has no filament length"
+            if flat:
+                expected = f"no such key with level = {self.level!r}: a section has no filament length"
             else:
                 expected = f"no such key with level = {self.level!r}: it belongs to level = 'section'"
             raise refusal(key, self._shown(key), expected)
         return self
 
 
-class Output(_Table):
+class Output(Table):
     """``[output]``: frames and samples over the whole run; ``dump`` adds a text trajectory for OVITO."""
 
     frames: Annotated[int, Value(whole=True, least=2, most=5000)] = 60
@@ -383,27 +280,53 @@ class Output(_Table):
     dump: bool = False
 
 
-class Scene(_Table):
+class Scene(Table):
     """A compaction experiment: what is asked, in engine units."""
 
     name: str = ""
     description: str = ""
     filament: Filament
-    assembly: Annotated[Bundle, BeforeValidator(_assembly)]
+    assembly: Annotated[Bundle | Weave, BeforeValidator(_assembly)]
     ends: Ends = Ends()
+    cell: Cell | None = None
     platens: Platens
     contact: Contact = Contact()
     model: Model = Model()
     output: Output = Output()
 
-    #: combinations of tables, checked in this order: the place for new ones
+    #: combinations of tables of a bundle and of a weave, checked in this order: the place for new ones
     CHECKS: ClassVar[tuple[Callable[[Scene], None], ...]] = ()
+    WEAVE_CHECKS: ClassVar[tuple[Callable[[Scene], None], ...]] = ()
 
     @model_validator(mode="after")
     def _combinations(self) -> Scene:
-        for check in self.CHECKS:
+        for check in self.WEAVE_CHECKS if isinstance(self.assembly, Weave) else self.CHECKS:
             check(self)
         return self
+
+    @property
+    def bundle(self) -> Bundle:
+        """The assembly as a bundle; raises :class:`InputError` for a weave."""
+        if not isinstance(self.assembly, Bundle):
+            raise InputError("assembly.kind", self.assembly.kind, "'bundle'")
+        return self.assembly
+
+    @property
+    def weave(self) -> Weave:
+        """The assembly as a weave; raises :class:`InputError` for a bundle."""
+        if not isinstance(self.assembly, Weave):
+            raise InputError("assembly.kind", self.assembly.kind, "'weave'")
+        return self.assembly
+
+    @property
+    def in_plane(self) -> Cell:
+        """What happens to a weave in its plane."""
+        return self.cell or Cell()
+
+    @property
+    def is_weave(self) -> bool:
+        """Whether the assembly is woven."""
+        return isinstance(self.assembly, Weave)
 
     def to_toml(self) -> str:
         """The scene resolved, every key written out; :func:`scene_from_dict` of it is an equal scene."""
@@ -418,14 +341,9 @@ def _length_um(value: float) -> str:
     return f"{value:.4g} um"
 
 
-def _rings(count: int) -> int:
-    """Number of full rings that ``count`` filaments fill."""
-    return (math.isqrt(12 * count - 3) - 3) // 6
-
-
 def _pitch(scene: Scene) -> float:
     """Centre distance in um: as given, or p = D sqrt(pi / (2 sqrt(3) (1 - void))); D for random packing."""
-    bundle, diameter = scene.assembly, scene.filament.diameter
+    bundle, diameter = scene.bundle, scene.filament.diameter
     if bundle.pitch is not None:
         return bundle.pitch
     if bundle.void_fraction is None:
@@ -435,10 +353,10 @@ def _pitch(scene: Scene) -> float:
 
 def _height(scene: Scene) -> float:
     """Height as built in um: exact for circular rings, an upper bound for the other arrangements."""
-    bundle, diameter, p = scene.assembly, scene.filament.diameter, _pitch(scene)
+    bundle, diameter, p = scene.bundle, scene.filament.diameter, _pitch(scene)
     if bundle.arrangement == "circular":
         top = 0.0
-        for ring in range(1, _rings(bundle.count) + 1):
+        for ring in range(1, full_rings(bundle.count) + 1):
             step = math.pi / (3 * ring)
             off = (bundle.first_angle - math.pi / 2.0) % step
             top = max(top, ring * p * math.cos(min(off, step - off)))
@@ -455,8 +373,23 @@ def _height(scene: Scene) -> float:
     return min(bound, (bundle.count - 1) * p + diameter)
 
 
+def _check_kind(scene: Scene) -> None:
+    """What belongs to weaves alone."""
+    if scene.cell is not None:
+        raise refusal("cell", Abridged("{...}"), "no such table with assembly.kind = 'bundle': it belongs to a weave")
+    if scene.model.resolve != "auto":
+        expected = "no such key with assembly.kind = 'bundle': it belongs to a weave"
+        raise refusal("model.resolve", scene.model.resolve, expected)
+    if scene.contact.law in TOW_LAWS:
+        expected = "'auto', 'hooke', 'hertz' or 'line' with assembly.kind = 'bundle': soft tows belong to a weave"
+        raise refusal("contact.law", scene.contact.law, expected)
+    for key in ("stiffness", "rise", "table"):
+        if getattr(scene.contact, key) is not None:
+            raise refusal(f"contact.{key}", Abridged("(given)"), "no such key: it belongs to the tows of a weave")
+
+
 def _check_sizes(scene: Scene) -> None:
-    bundle, diameter = scene.assembly, scene.filament.diameter
+    bundle, diameter = scene.bundle, scene.filament.diameter
     if bundle.pitch is not None and bundle.pitch < diameter:
         raise refusal("assembly.pitch", bundle._shown("pitch"), f"at least the diameter, {_length_um(diameter)}")
     if bundle.length <= 4.0 * diameter:
@@ -474,10 +407,10 @@ def _check_sizes(scene: Scene) -> None:
 
 def _check_twist(scene: Scene) -> None:
     """A twisted filament's section is an ellipse in the cross-section: the pitch must leave room for it."""
-    bundle, diameter, p = scene.assembly, scene.filament.diameter, _pitch(scene)
+    bundle, diameter, p = scene.bundle, scene.filament.diameter, _pitch(scene)
     if bundle.twist == 0.0 or bundle.count == 1:
         return
-    outer = _rings(bundle.count) * p
+    outer = full_rings(bundle.count) * p
     if bundle.arrangement != "circular":
         aspect = bundle.aspect or 1.0
         outer = p * math.sqrt(bundle.count * math.sqrt(3.0) / (2.0 * math.pi) * max(aspect, 1.0 / aspect))
@@ -495,7 +428,7 @@ def _check_twist(scene: Scene) -> None:
 
 def _check_cell(scene: Scene) -> None:
     """A periodic cell joins every filament's end to its own start: only whole turns do."""
-    bundle = scene.assembly
+    bundle = scene.bundle
     if scene.ends.support != "symmetry":
         return
     if bundle.migration is not None:
@@ -528,7 +461,7 @@ def _check_stop(scene: Scene) -> None:
 def _check_one_stop(scene: Scene, key: str, stop: Stop) -> None:
     diameter, height = scene.filament.diameter, _height(scene)
     # filaments can spread until they lie side by side, one diameter thick; a single one only dents
-    thinnest = diameter if scene.assembly.count > 1 else 0.5 * diameter
+    thinnest = diameter if scene.bundle.count > 1 else 0.5 * diameter
     if stop.displacement is not None and stop.displacement > height - thinnest:
         expected = (
             f"at most {_length_um(height - thinnest)}: the bundle is {_length_um(height)} high and no thinner than "
@@ -541,7 +474,7 @@ def _check_one_stop(scene: Scene, key: str, stop: Stop) -> None:
 
 
 def _check_widths(scene: Scene) -> None:
-    length, diameter = scene.assembly.length, scene.filament.diameter
+    length, diameter = scene.bundle.length, scene.filament.diameter
     for key in ("width", "bottom_width"):
         value = getattr(scene.platens, key)
         if isinstance(value, float) and not diameter <= value < length:
@@ -568,8 +501,8 @@ def _check_crimp(scene: Scene) -> None:
 
 
 def _check_spacing(scene: Scene) -> None:
-    spacing, diameter, length = scene.model.spacing, scene.filament.diameter, scene.assembly.length
-    alone = scene.assembly.count == 1 or scene.contact.shape != "beads"
+    spacing, diameter, length = scene.model.spacing, scene.filament.diameter, scene.bundle.length
+    alone = scene.bundle.count == 1 or scene.contact.shape != "beads"
     most = length / 4 if alone else diameter
     if isinstance(spacing, float) and not diameter / 20.0 <= spacing <= most:
         why = "a quarter of the length" if alone else "the diameter: beads further apart miss each other"
@@ -583,24 +516,24 @@ def _check_shape(scene: Scene) -> None:
     if law == "hertz" and shape == "capsule":
         expected = "'auto', 'line' or 'hooke' with contact.shape = 'capsule': hertz is for beads"
         raise refusal("contact.law", law, expected)
-    if law == "line" and (shape == "beads" or level == "section"):
-        where = "contact.shape = 'beads'" if shape == "beads" else "level = 'section'"
+    if law == "line" and (shape == "beads" or level in FLAT):
+        where = "contact.shape = 'beads'" if shape == "beads" else f"level = {level!r}"
         raise refusal("contact.law", law, f"'auto', 'hooke' or 'hertz' with {where}: the line law is for capsules")
     if scene.contact.kinetic_friction is not None and scene.contact.kinetic_friction > scene.contact.friction:
         expected = f"at most contact.friction, {scene.contact.friction:g}"
         raise refusal("contact.kinetic_friction", scene.contact.kinetic_friction, expected)
     for key in ("kinetic_friction", "friction_by_angle"):
-        if getattr(scene.contact, key) is not None and (shape == "beads" or level == "section" or law == "hertz"):
+        if getattr(scene.contact, key) is not None and (shape == "beads" or level in FLAT or law == "hertz"):
             expected = "no such key: it belongs to contact.shape = 'capsule' and the levels chain and rod"
             raise refusal(f"contact.{key}", Abridged("(given)"), expected)
-    if shape == "capsule" and level == "section":
-        raise refusal("contact.shape", shape, "'auto' or 'beads' with level = 'section': its filaments are discs")
+    if shape == "capsule" and level in FLAT:
+        raise refusal("contact.shape", shape, f"'auto' or 'beads' with level = {level!r}: it is made of discs")
 
 
 def _check_torsion(scene: Scene) -> None:
     if scene.model.torsion != "dihedral":
         return
-    if scene.assembly.straight:
+    if scene.bundle.straight:
         expected = (
             "'none' for straight filaments: a dihedral is singular on a straight chain and follows the torsion of the "
             "centre line, not the twist of the material; use level = 'rod'"
@@ -628,15 +561,19 @@ def _check_far_field(scene: Scene) -> None:
             raise refuse(f"'condensed' belongs to level = 'chain', not {model.level!r}")
         if scene.ends.support == "symmetry":
             raise refuse("'condensed' is the stiffness of a held end, ends.support = 'symmetry' holds none")
-        if not scene.assembly.straight:
+        if not scene.bundle.straight:
             raise refuse("'condensed' is the stiffness of a straight filament, these are twisted or migrate")
 
 
 def _check_section(scene: Scene) -> None:
     """What needs a length along the filaments has no meaning in a section."""
-    if scene.model.level != "section":
+    level = scene.model.level
+    if level != "subbundle" and scene.bundle.subbundle is not None:
+        expected = "no such table, but with model.level = 'subbundle'"
+        raise refusal("assembly.subbundle", Abridged("{...}"), expected)
+    if level not in FLAT:
         return
-    bundle, none_along = scene.assembly, "a section has no length along the filaments (or level = 'chain' or 'rod')"
+    bundle, none_along = scene.bundle, "a section has no length along the filaments (or level = 'chain' or 'rod')"
     if bundle.twist != 0.0:
         raise refusal("assembly.twist", bundle._shown("twist"), f"0: {none_along}")
     if bundle.migration is not None:
@@ -644,18 +581,91 @@ def _check_section(scene: Scene) -> None:
     if scene.model.far_field in ("graded", "condensed"):
         raise refusal("model.far_field", scene.model.far_field, f"'auto' or 'none': {none_along}")
     periodic = scene.ends.support == "symmetry" and scene.platens.width == "full"
+    if level == "subbundle" and scene.platens.shape != "flat":
+        expected = "'flat' with model.level = 'subbundle' (or 'section', whose platens may be curved)"
+        raise refusal("platens.shape", scene.platens.shape, expected)
     if scene.ends.support != "simply-supported" and not periodic:
         expected = (
-            "'simply-supported' with level = 'section' (its springs are those of such filaments), or 'symmetry' with "
+            f"'simply-supported' with level = {level!r} (its springs are those of such filaments), or 'symmetry' with "
             "platens.width = 'full'"
         )
         raise refusal("ends.support", scene.ends.support, expected)
     if scene.contact.law == "hertz":
-        expected = "'auto' or 'hooke' with level = 'section': parallel filaments touch along lines, hertz is for points"
+        expected = (
+            f"'auto' or 'hooke' with level = {level!r}: parallel filaments touch along lines, hertz is for points"
+        )
         raise refusal("contact.law", "hertz", expected)
 
 
+def _check_woven(scene: Scene) -> None:
+    """What a weave does not have, and what its tows need."""
+    p, model, contact = scene.platens, scene.model, scene.contact
+    if scene.ends != Ends():
+        expected = "no such table with assembly.kind = 'weave': a cell has no ends (tension of tows: cell.tension)"
+        raise refusal("ends", Abridged("{...}"), expected)
+    if p.shape != "flat" or p.width != "full" or p.bottom_width not in (None, "full"):
+        raise refusal("platens", Abridged("{...}"), "shape = 'flat' and width = 'full': platens cover all of a weave")
+    if model.level not in ("auto", "chain"):
+        expected = "'auto' or 'chain' with assembly.kind = 'weave': tows and filaments of a weave are chains"
+        raise refusal("model.level", model.level, expected)
+    for key, usual in (("far_field", "none"), ("symmetry", "none"), ("torsion", None)):
+        if getattr(model, key) not in (type(model).model_fields[key].default, usual):
+            raise refusal(f"model.{key}", getattr(model, key), "no such key with assembly.kind = 'weave'")
+    if contact.shape == "beads":
+        expected = "'auto' or 'capsule': beads of crossing tows miss each other or ripple"
+        if model.resolve == "tow":
+            raise refusal("contact.shape", "beads", expected)
+    laws: tuple[str, ...] = ("auto", *TOW_LAWS)
+    if model.resolve == "filament":
+        laws = ("auto", "hooke", "hertz", "line")
+    elif model.resolve == "auto":
+        laws += ("line", "hooke", "hertz")
+    if contact.law not in laws:
+        raise refusal("contact.law", contact.law, f"{_one_of(laws)} with model.resolve = {model.resolve!r}")
+    if (contact.law == "table") != (contact.table is not None):
+        key, value = ("table", NOT_GIVEN) if contact.table is None else ("law", contact.law)
+        expected = LawText.expected if contact.table is None else "'table', beside contact.table"
+        raise refusal(f"contact.{key}", value, expected)
+    if contact.rise is not None and contact.law != "exponential":
+        raise refusal("contact.rise", contact._shown("rise"), "no such key: it belongs to law = 'exponential'")
+    if contact.stiffness is not None and contact.law not in ("auto", "linear", "exponential"):
+        expected = "no such key: it belongs to the laws 'linear' and 'exponential'"
+        raise refusal("contact.stiffness", contact.stiffness, expected)
+    if model.resolve == "filament":
+        for name, tow in (("tow", scene.weave.tow), ("weft", scene.weave.weft)):
+            if tow.filaments is None:
+                expected = "a number of filaments with model.resolve = 'filament'"
+                raise refusal(f"assembly.{name}.filaments", NOT_GIVEN, expected)
+
+
+def _check_woven_stop(scene: Scene) -> None:
+    stop = scene.platens.stop
+    height = scene.weave.tow.thickness + scene.weave.weft.thickness + scene.weave.gap
+    if stop.displacement is not None and stop.displacement >= height:
+        expected = f"less than the thickness, {_length_um(height)}"
+        raise refusal("platens.stop.displacement", stop._shown("displacement"), expected)
+    if stop.thickness is not None and stop.thickness >= height:
+        expected = f"less than the thickness as built, {_length_um(height)}"
+        raise refusal("platens.stop.thickness", stop._shown("thickness"), expected)
+
+
+def _check_in_plane(scene: Scene) -> None:
+    """Strain and tension of one direction exclude each other; a patch is held."""
+    cell = scene.in_plane
+    if scene.weave.cell == "patch" and not cell.at_rest:
+        expected = "no such table with assembly.cell = 'patch': its ends are held (or cell = 'periodic')"
+        raise refusal("cell", Abridged("{...}"), expected)
+    if cell.edges == "free" and cell.shear != 0:
+        raise refusal("cell.edges", "free", "'held' with cell.shear: the tows' lengths decide the edges then")
+    for axis, tow in (("x", "warp"), ("y", "weft")):
+        if getattr(cell.strain, axis) != 0 and getattr(cell.tension, tow) != 0:
+            expected = f"0 N where cell.strain.{axis} is given: one follows from the other"
+            raise refusal(f"cell.tension.{tow}", cell.tension._shown(tow), expected)
+
+
+Scene.WEAVE_CHECKS = (_check_woven, _check_woven_stop, _check_in_plane)
 Scene.CHECKS = (
+    _check_kind,
     _check_section,
     _check_shape,
     _check_sizes,
@@ -674,10 +684,7 @@ Scene.CHECKS = (
 # --- reading ---------------------------------------------------------------------------------------------------------
 
 #: known to the interface, refused here
-_LATER: dict[tuple[str, str], str] = {
-    ("assembly.kind", "weave"): "woven fabrics are not in this version",
-    ("model.level", "subbundle"): "sub-bundles are not in this version",
-}
+_LATER: dict[tuple[str, str], str] = {}
 
 _STOP = tuple(f"platens.stop.{key}" for key in Stop.model_fields)
 _PACKING = ("assembly.pitch", "assembly.void_fraction", "assembly.fibre_volume_fraction")
@@ -711,9 +718,11 @@ def read_tables(source: str | Path, overrides: Sequence[str] = ()) -> dict[str, 
     text, name = _source(source)
     data = read_toml(text, "scene", str(source))
     data.setdefault("name", name)
-    _insert_centres(data, Path(source).parent)
+    _insert_files(data, Path(source).parent)
+    _insert_law(data, Path(source).parent)
     _override(data, overrides)
-    _insert_centres(data, Path())
+    _insert_files(data, Path())
+    _insert_law(data, Path())
     return data
 
 
@@ -794,20 +803,44 @@ def _source(source: str | Path) -> tuple[str, str]:
     raise InputError("scene", str(source), expected)
 
 
-def _insert_centres(data: dict[str, Any], folder: Path) -> None:
-    """Put the text of the file that assembly.centres names in its place."""
-    table = data.get("assembly")
-    if not isinstance(table, dict):
-        return
-    named = table.get("centres")
-    if not isinstance(named, str) or "\n" in named:
+#: keys whose text may stand in a file beside the scene's, and what is expected of it
+_FILES = {
+    ("assembly", "centres"): CentresText.expected,
+    ("assembly", "texgen"): "a .tg3 file of TexGen",
+    ("contact", "table"): LawText.expected,
+}
+
+
+def _insert_files(data: dict[str, Any], folder: Path) -> None:
+    """Put the text of the files that keys name in their place."""
+    for (name, key), expected in _FILES.items():
+        table = data.get(name)
+        if not isinstance(table, dict):
+            continue
+        named = table.get(key)
+        if not isinstance(named, str) or "\n" in named or not named:
+            continue
+        try:
+            text = (folder / named).read_text(encoding="utf-8-sig")
+        except (OSError, ValueError) as error:
+            reason = error.strerror if isinstance(error, OSError) and error.strerror else "not a text file"
+            raise InputError(f"{name}.{key}", named, f"{expected} ({reason.lower()})") from None
+        data[name] = {**table, key: text.strip() + "\n"}
+
+
+def _insert_law(data: dict[str, Any], folder: Path) -> None:
+    """Put the text of the file that assembly.subbundle.law names in its place."""
+    assembly = data.get("assembly")
+    table = assembly.get("subbundle") if isinstance(assembly, dict) else None
+    named = table.get("law") if isinstance(table, dict) else None
+    if not isinstance(table, dict) or not isinstance(named, str) or "\n" in named or named in shipped_laws():
         return
     try:
-        text = (folder / named).read_text(encoding="utf-8-sig")
+        table["law"] = (folder / named).read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else "not a text file"
-        raise InputError("assembly.centres", named, f"{CentresText.expected} ({reason.lower()})") from None
-    data["assembly"] = {**table, "centres": text.strip() + "\n"}
+        expected = f"a sub-bundle law: a file that can be read ({reason.lower()}) or {_one_of(shipped_laws())}"
+        raise InputError("assembly.subbundle.law", named, expected) from None
 
 
 def _toml_expectation(text: str, error: tomllib.TOMLDecodeError) -> str:
@@ -904,7 +937,7 @@ def _expected(loc: Sequence[str], root: type[BaseModel]) -> str:
         expected = getattr(metadata, "expected", None)
         if isinstance(expected, str):
             return expected
-    if _model(field) is not None:
+    if _models(field):
         return f"a table [{'.'.join(loc)}]"
     choices = getattr(field.annotation, "__args__", ())
     if field.annotation is bool:
@@ -915,34 +948,32 @@ def _expected(loc: Sequence[str], root: type[BaseModel]) -> str:
 
 
 def _field(loc: Sequence[str], root: type[BaseModel]) -> FieldInfo | None:
-    model: type[BaseModel] | None = root
+    models: list[type[BaseModel]] = [root]
     field = None
     for key in loc:
         if key.isdigit():  # a place in a list of tables
             continue
-        field = model.model_fields.get(key) if model is not None else None
+        field = next((m.model_fields[key] for m in models if key in m.model_fields), None)
         if field is None:
             return None
-        model = _model(field)
+        models = _models(field)
     return field
 
 
-def _model(field: FieldInfo) -> type[BaseModel] | None:
-    """The table that a field holds, if it does."""
-    for kind in (field.annotation, *getattr(field.annotation, "__args__", ())):
-        if isinstance(kind, type) and issubclass(kind, BaseModel):
-            return kind
-    return None
+def _models(field: FieldInfo) -> list[type[BaseModel]]:
+    """The tables that a field may hold."""
+    kinds = (field.annotation, *getattr(field.annotation, "__args__", ()))
+    return [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
 
 
 def _meant_key(loc: Sequence[str], root: type[BaseModel]) -> str:
     """The key of that name in another table, or the one of the same table that looks most alike."""
     *parents, last = loc
     parent = _field(parents, root) if parents else None
-    model = _model(parent) if parent is not None else root if not parents else None
+    models = _models(parent) if parent is not None else [] if parents else [root]
     meant = [key for key in _all_keys(root) if key.rpartition(".")[2] == last]
     if not meant:
-        near = difflib.get_close_matches(last, model.model_fields if model is not None else (), n=1)
+        near = difflib.get_close_matches(last, [key for m in models for key in m.model_fields], n=1)
         meant = [".".join([*parents, key]) for key in near]
     return f" (did you mean {' or '.join(meant)}?)" if meant else ""
 
@@ -951,8 +982,8 @@ def _all_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
     keys = []
     for key, field in model.model_fields.items():
         keys.append(prefix + key)
-        inner = _model(field)
-        keys += _all_keys(inner, f"{prefix}{key}.") if inner is not None else []
+        for inner in _models(field):
+            keys += _all_keys(inner, f"{prefix}{key}.")
     return keys
 
 

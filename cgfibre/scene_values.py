@@ -9,6 +9,8 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
+import numpy as np
+from pydantic import BaseModel, ConfigDict
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from cgfibre import readers, units
@@ -33,6 +35,16 @@ class Abridged:
 
 
 NOT_GIVEN = _NotGiven()
+
+
+class Table(BaseModel):
+    """A table of a scene: no other keys than its fields, never changed once made."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    def _shown(self, key: str) -> object:
+        """The value of a field as the scene writes it."""
+        return self.model_dump(include={key})[key]
 
 
 def refusal(key: str, value: object, expected: str) -> PydanticCustomError:
@@ -169,6 +181,72 @@ class CentresText:
     def write(self, value: tuple[tuple[float, float], ...] | None) -> str | None:
         """The text that :meth:`read` takes back to ``value``."""
         return None if value is None else "y_um,z_um\n" + "".join(f"{y!r},{z!r}\n" for y, z in value)
+
+
+#: (overlap um, force per length nN/um or pressure kPa, the same on the way back or None) of every row
+LawRow = tuple[float, float, float | None]
+
+
+@dataclass(frozen=True)
+class LawRows:
+    """A tabulated law: ``of`` "force_per_length" (nN/um) or "pressure" (kPa); rows of rising overlap, um."""
+
+    of: str
+    rows: tuple[LawRow, ...]
+
+
+@dataclass(frozen=True)
+class LawText:
+    """Annotation of a law: text of a table with the columns overlap and force_per_length (or pressure) with units, a
+    third, "unloading", giving the way back, to :class:`LawRows` and back. In a file the key may name a CSV file."""
+
+    expected: ClassVar[str] = (
+        "a CSV file with the columns 'overlap (um)' and 'force_per_length (N/mm)' or 'pressure (MPa)'"
+    )
+
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self.read, serialization=core_schema.plain_serializer_function_ser_schema(self.write)
+        )
+
+    def read(self, value: object) -> LawRows | None:
+        """The law, none of an empty text; an error that pydantic carries if it is no such table."""
+        if value == "":
+            return None
+        if not isinstance(value, str) or "\n" not in value:
+            raise refusal("", value, self.expected)
+        try:
+            table = readers.parse_table(value.strip().splitlines(), "law")
+            d = table.quantity(table.index("overlap", "column"), "um", "")
+            of = "pressure" if table.find(("pressure",)) is not None else "force_per_length"
+            unit = "kPa" if of == "pressure" else "nN/um"
+            load = table.quantity(table.index(of, "column"), unit, "")
+            back = table.find(("unloading",))
+            unload = None if back is None else table.quantity(back, unit, "")
+        except InputError as error:
+            raise refusal("", Abridged(f"{value.strip()[:20]!r} ..."), f"{self.expected}: {error}") from None
+        if (
+            len(d) < 2
+            or d[0] < 0
+            or load[0] < 0
+            or load[-1] <= 0
+            or (np.diff(d) <= 0).any()
+            or (np.diff(load) < 0).any()
+        ):
+            expected = f"{self.expected}: rising overlaps from 0 on, forces that never fall"
+            raise refusal("", Abridged(f"{value.strip()[:20]!r} ..."), expected)
+        ways = [None] * len(d) if unload is None else unload.tolist()
+        return LawRows(of, tuple(zip(d.tolist(), load.tolist(), ways, strict=True)))
+
+    def write(self, value: LawRows | None) -> str | None:
+        """The text that :meth:`read` takes back to ``value``."""
+        if value is None:
+            return None
+        unit = "kPa" if value.of == "pressure" else "nN/um"
+        back = value.rows[0][2] is not None
+        head = f"overlap (um),{value.of} ({unit})" + (f",unloading ({unit})" if back else "")
+        rows = (",".join(repr(x) for x in row if x is not None) for row in value.rows)
+        return "\n".join([head, *rows]) + "\n"
 
 
 class AngleTable:

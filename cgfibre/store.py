@@ -6,7 +6,7 @@ Layout (schema 1; every dataset has a ``units`` attribute):
                                                        readers know (MDAnalysis refuses um)
     /record/<column of curve.csv>, cycle, phase, width_um   the curve
     /system/...                                        the FilamentSystem, um
-    /distribution/...                                  statistics, one row a frame
+    /distribution/... or, of a weave, /fabric/...      statistics, one row a frame
     /scene (TOML), /plan, /summary (JSON)              text
 """
 
@@ -17,7 +17,7 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +40,8 @@ TYPE_UNITS = {"diameter": "um", "EA": "nN", "EI": "nN um2", "GJ": "nN um2", "kGA
 
 @dataclass(frozen=True)
 class Results:
-    """What a results file holds. ``distribution`` maps a name to (values, units), one row a frame; texts as written."""
+    """What a results file holds. ``distribution`` and, of a weave, ``fabric`` map a name to (values, units), one row a
+    frame; texts as written."""
 
     system: FilamentSystem
     curve: Curve
@@ -50,6 +51,7 @@ class Results:
     scene: str
     plan: str
     summary: Mapping[str, Any]
+    fabric: Mapping[str, tuple[np.ndarray, str]] = field(default_factory=dict)
 
 
 @contextmanager
@@ -87,9 +89,11 @@ def write_results(path: Path, results: Results) -> None:
         for name in CYCLE_COLUMNS:
             _put(record, name, getattr(results.curve, name), "1")
         _put(record, "width_um", results.curve.width_um, "um")
-        distribution = f.create_group("distribution")
-        for name, (values, units) in results.distribution.items():
-            _put(distribution, name, values, units)
+        for group, statistics in (("distribution", results.distribution), ("fabric", results.fabric)):
+            if statistics or group == "distribution":
+                rows = f.create_group(group)
+                for name, (values, units) in statistics.items():
+                    _put(rows, name, values, units)
 
 
 def _write_trajectory(f: h5py.File, results: Results) -> None:
@@ -203,11 +207,16 @@ def _read(f: h5py.File) -> Results:
             f["observables/contact_factor/value"][()] if "contact_factor" in f["observables"] else np.ones(len(step)),
         ),
         timestep=float(time[moving][0] / step[moving][0]) if moving.any() else 0.0,
-        distribution={name: (d[()], str(d.attrs["units"])) for name, d in f["distribution"].items()},
+        distribution=_statistics(f["distribution"]),
         scene=_text(f, "scene"),
         plan=_text(f, "plan"),
         summary=json.loads(_text(f, "summary")),
+        fabric=_statistics(f["fabric"]) if "fabric" in f else {},
     )
+
+
+def _statistics(group: h5py.Group) -> dict[str, tuple[np.ndarray, str]]:
+    return {name: (d[()], str(d.attrs["units"])) for name, d in group.items()}
 
 
 def _read_system(group: h5py.Group) -> FilamentSystem:

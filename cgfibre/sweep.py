@@ -151,11 +151,8 @@ def run_all(runs: Sequence[SweepRun], options: SweepOptions, progress: Progress 
 
 
 def start_overrides(scene: Scene, start: int, jitter: float) -> tuple[str, ...]:
-    """What makes specimen ``start`` of a scene: its seed, and ``jitter`` um where the scene has less; nothing
-    where the assembly has no seed."""
-    if getattr(scene.assembly, "seed", None) is None:
-        return ()
+    """What makes specimen ``start`` of a scene: its seed, and ``jitter`` um where a bundle has less."""
     own: tuple[str, ...] = (f"assembly.seed={scene.assembly.seed + start}",)
-    if scene.assembly.jitter < jitter:
+    if not scene.is_weave and scene.bundle.jitter < jitter:
         own += (f"assembly.jitter={jitter!r} um",)
     return own

@@ -68,6 +68,7 @@ KINDS: dict[str, tuple[str, str]] = {
     "turn/um": ("a twist", "0.26 turn/cm"),
     "nN/um": ("a force per length", "1 N/mm"),
     "MHz": ("a frequency", "4 Hz"),
+    "nN*um**2": ("a rigidity", "0.2 N*mm**2"),
 }
 
 #: units that people write a value in, best first
@@ -82,6 +83,7 @@ _WRITTEN: dict[str, tuple[str, ...]] = {
     "turn/um": ("turn/cm", "turn/mm", "turn/um"),
     "nN/um": ("N/mm", "nN/um"),
     "MHz": ("Hz", "MHz"),
+    "nN*um**2": ("N*mm**2", "nN*um**2"),
 }
 
 _NUMBER = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(.*?)\s*", re.DOTALL)

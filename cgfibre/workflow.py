@@ -29,6 +29,7 @@ from cgfibre.plan.model import Plan
 from cgfibre.plan.system import build_system
 from cgfibre.record import Curve, Frames
 from cgfibre.review import Review, quasi_static_from, review_run, speed_change
+from cgfibre.review_fabric import fabric_summary
 from cgfibre.scene import Scene, load_scene, scene_from_dict
 
 #: files by which an existing run is recognised, and which --force removes
@@ -285,16 +286,17 @@ def _finish(
         curve,
         frames,
         plan.timestep,
-        review.statistics,
+        {} if scene.is_weave else review.statistics,
         scene.to_toml(),
         json.dumps(store.plain(plan_dict(plan))),
         summary,
+        review.statistics if scene.is_weave else {},
     )
     store.write_results(out / "results.h5", results)
     store.write_curve(out / "curve.csv", curve)
     store.write_json(out / "summary.json", summary)
     if pictures:
-        draw_all(out, scene, plan, system, curve, frames, summary)
+        draw_all(out, scene, plan, system, curve, frames, summary, review.statistics)
     if not scene.output.dump and "stopped" not in summary:
         (folder / "trajectory.lammpstrj").unlink(missing_ok=True)  # its frames are in results.h5
     if facts.get("begin") is not None:
@@ -385,6 +387,8 @@ def _summary(
         "warnings": [g.message for g in review.guards if not g.ok],
         "package_versions": _versions(),
     }
+    if scene.is_weave:
+        summary["fabric"] = fabric_summary(review.statistics)
     if facts.get("stopped"):
         summary["stopped"] = facts["stopped"]
     return summary

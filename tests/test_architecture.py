@@ -17,13 +17,26 @@ LAYERS = [
     {"units"},
     {"materials", "readers", "tow_friction"},
     {"build.system", "mechanics"},
-    {"record", "scene_values"},
+    {"record", "scene_values", "subbundle_law"},
+    {"scene_assembly"},
     {"scene", "build"},
     {"plan", "measure", "plot", "store"},
     {"engine"},
-    {"review", "cases", "plot_friction", "plot_section", "plot_study", "plot_towtest", "plot_weave"},
+    {"review_fabric"},
+    {
+        "review",
+        "cases",
+        "plot_fabric",
+        "plot_friction",
+        "plot_section",
+        "plot_study",
+        "plot_subbundle",
+        "plot_towtest",
+        "plot_weave",
+    },
+    {"pictures_fabric"},
     {"pictures", "certify"},
-    {"workflow", "stability", "micrograph", "signals", "towtest"},
+    {"workflow", "stability", "micrograph", "signals", "towtest", "homogenise"},
     {"capstan"},
     {"sweep"},
     {"chart", "study"},
@@ -84,7 +97,7 @@ def users(library):
 def test_one_place_knows_each_library():
     assert users("h5py") == {"store"}
     assert users("MDAnalysis") == {"store"}
-    assert users("matplotlib") == {"plot", "plot_section", "plot_weave"}
+    assert users("matplotlib") == {"plot", "plot_fabric", "plot_section", "plot_weave"}
     assert users("pint") == {"units"}
     assert users("click") == {"cli"}
     assert users("rich") <= {"report"}

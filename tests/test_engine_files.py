@@ -16,8 +16,8 @@ from cgfibre.engine.lammps import find_engine, run_deck
 from cgfibre.plan.system import build_system
 from cgfibre.scene import load_scene, scene_from_dict
 
-DECKS = ("in.chain", "in.rod", "in.section")
-CAPSTANS = ("in.capstan", "in.capstan_dynamic")
+DECKS = ("in.chain", "in.rod", "in.section", "in.subbundle")
+OTHERS = ("in.capstan", "in.capstan_dynamic")
 DECLARED = re.compile(r"^variable\s+(\w+)", re.M)
 USED = re.compile(r"\$\{(\w+)\}|\bv_(\w+)")
 
@@ -153,6 +153,8 @@ def all_lines(
                 values = {"platen_shape": shape, "support": support, "discs": discs}
                 if name == "in.section":
                     values["contact_shape"] = "discs"
+                if name == "in.subbundle":
+                    values |= {"contact_shape": "subbundle", "platen_shape": "subbundle"}
                 files |= set(deck.deck_files(name, values))
     return "\n".join((deck.template_folder() / f).read_text() for f in sorted(files))
 
@@ -172,8 +174,8 @@ def test_every_variable_that_a_deck_uses_is_declared(name):
     assert from_state <= set(DECLARED.findall((ROOT / "templates" / "phases.inc").read_text().replace('"""', "\n")))
 
 
-@pytest.mark.parametrize("name", CAPSTANS)
-def test_a_capstan_deck_declares_what_it_uses_and_uses_what_it_declares(name):
+@pytest.mark.parametrize("name", OTHERS)
+def test_another_deck_declares_what_it_uses_and_uses_what_it_declares(name):
     text = uncommented((ROOT / "templates" / name).read_text())
     used = {a or b for a, b in USED.findall(text)}
     own = set(re.findall(r"^variable\s+(\w+)\s+index", text, re.M))
@@ -355,7 +357,7 @@ def test_the_displacement_of_a_frame_is_the_decks_own(finished):
 
 def test_the_templates_are_found_in_the_checkout():
     assert deck.template_folder() == ROOT / "templates"
-    assert {p.name for p in deck.template_folder().glob("in.*")} == {*DECKS, *CAPSTANS}
+    assert {p.name for p in deck.template_folder().glob("in.*")} == {*DECKS, *OTHERS, "in.cell"}
 
 
 def test_mending_cuts_the_unfinished_row_alone(tmp_path):

@@ -248,7 +248,8 @@ def test_where_nothing_varies_a_section_stands_for_every_rod(tmp_path):
 def test_other_levels_are_planned_or_refused_with_the_reason():
     scene = load_scene("carbon-37")
     others = other_levels(scene, make_plan(scene))
-    assert set(others) == {"rod", "section"}
+    assert set(others) == {"rod", "section", "subbundle"}
+    assert isinstance(others["subbundle"], InputError)  # too few layers of sub-bundles
     assert others["rod"].predicted_seconds > make_plan(scene).predicted_seconds > others["section"].predicted_seconds
     assert others["section"].promised_error > make_plan(scene).promised_error
     twisted = load_scene("carbon-37", ["assembly.twist=3.6 turn/cm"])

@@ -32,7 +32,10 @@ SHIPPED = [
     "carbon-547-section",
     "carbon-12k-3d",
     "carbon-12k-section",
+    "carbon-12k-tow",
 ]
+#: see test_weave_scene.py
+WEAVES = ["carbon-satin", "carbon-weave", "glass-twill", "glass-weave", "nylon-weave", "nylon-weave-filaments"]
 ABSENT = object()
 CENTRES = "y_um,z_um\n0.1,0.2\n7.5,0.0\n-3.0,7.25\n"
 FILE = {"assembly.arrangement": "file", "assembly.centres": CENTRES, "assembly.count": ABSENT,
@@ -181,8 +184,8 @@ def test_a_scene_is_frozen():
 
 def test_all_scenes_ship_in_natural_order():
     names = shipped_scenes()
-    assert set(names) == {*SHIPPED, "capstan-column"}
-    assert names.index("capstan-column") == 0 and names.index("carbon-2") == 1 and names[-1] == "carbon-12k-section"
+    assert set(names) == {*SHIPPED, *WEAVES, "capstan-column"}
+    assert names.index("capstan-column") == 0 and names.index("carbon-2") == 1 and names[-1] == "nylon-weave-filaments"
     assert names.index("carbon-19") < names.index("carbon-37") < names.index("carbon-127")
 
 
@@ -193,12 +196,13 @@ def test_shipped_scenes_load_and_say_what_they_are(name):
     assert s.filament.diameter == 7.0 and s.assembly.void_fraction == 0.31 and s.ends.tension == 4e5
     assert (s.platens.width, s.platens.friction, s.contact.friction) == (500.0, 0.3, 0.2)
     assert s.platens.unload == (
-        name not in ("carbon-127-twisted", "carbon-37-full-length", "carbon-12k-section", "carbon-12k-3d")
+        name
+        not in ("carbon-127-twisted", "carbon-37-full-length", "carbon-12k-section", "carbon-12k-3d", "carbon-12k-tow")
     )  # the costly ones
     assert 0.0 < s.assembly.jitter <= 0.1
     assert scene_from_dict(tomllib.loads(s.to_toml())) == s
     assert scene_text(name).startswith("# ") and max(map(len, scene_text(name).splitlines())) <= 120
-    assert s.model.level == ("section" if name.endswith("-section") else "auto")
+    assert s.model.level == {"section": "section", "tow": "subbundle"}.get(name.rpartition("-")[2], "auto")
     count = {"12k": 11719}.get(name.split("-")[1]) or int(name.split("-")[1])
     assert s.assembly.count == count
     length = {name: 345_000.0 for name in ("carbon-37-full-length", "carbon-547-section", "carbon-12k-section")}
@@ -211,7 +215,7 @@ def test_shipped_scenes_are_pressed_to_about_half_their_height():
         s = load_scene(name)
         # a single contact; a stop by force; a locked column; filaments that slide under the anvil's edges
         shallow = ("carbon-2", "carbon-37-full-length", "carbon-37-column", "carbon-127", "carbon-127-twisted")
-        if name not in (*shallow, "carbon-12k-3d", "carbon-12k-section"):
+        if name not in (*shallow, "carbon-12k-3d", "carbon-12k-section", "carbon-12k-tow"):
             assert 0.45 < s.platens.stop.value / module._height(s) < 0.6, name
 
 
@@ -340,7 +344,7 @@ BAD = [
     ({"platen": {}}, "platen", "did you mean platens?"),
     ({"count": 37}, "count", "did you mean assembly.count?"),
     ({"assembly.cuont": 37}, "assembly.cuont", "did you mean assembly.count?"),
-    ({"platens.tension": "1 cN"}, "platens.tension", "did you mean ends.tension?"),
+    ({"platens.tension": "1 cN"}, "platens.tension", "did you mean ends.tension or cell.tension?"),
     ({"platens.stop.presure": "1 MPa"}, "platens.stop.presure", "did you mean platens.stop.pressure?"),
     ({"filament": OWN | {"diametre": "7 um"}}, "filament.diametre", "did you mean filament.diameter?"),
     ({"zzz": 1}, "zzz", "a known key"),
@@ -367,7 +371,7 @@ BAD = [
     ({"filament.density": "1800"}, "filament.density", "a density such as '1800 kg/m**3'"),
     ({"filament.density": "1800 g/cm3"}, "filament.density", "at most"),
     # assembly
-    ({"assembly.kind": "weave"}, "assembly.kind", "woven fabrics are not in this version"),
+    ({"assembly.kind": "weave"}, "assembly.count", "a known key"),
     ({"assembly.kind": "braid"}, "assembly.kind", "expected 'bundle'"),
     ({"assembly.count": ABSENT}, "assembly.count", "(not given): expected a whole number"),
     ({"assembly.count": 0}, "assembly.count", "at least 1"),
@@ -434,7 +438,7 @@ BAD = [
     ({"platens.unload": 1}, "platens.unload", "true or false"),
     ({"platens.unload": "yes"}, "platens.unload", "true or false"),
     # contact
-    ({"contact.law": "hook"}, "contact.law", "'auto', 'hooke', 'hertz' or 'line'"),
+    ({"contact.law": "hook"}, "contact.law", "'auto', 'hooke', 'hertz', 'line', 'linear', 'exponential' or 'table'"),
     ({"contact.law": "hertz", "contact.shape": "capsule"}, "contact.law", "hertz is for beads"),
     ({"contact.kinetic_friction": 0.3}, "contact.kinetic_friction", "at most contact.friction, 0.2"),
     ({"contact.kinetic_friction": 0.1, "contact.shape": "beads"}, "contact.kinetic_friction", "contact.shape"),
@@ -446,14 +450,13 @@ BAD = [
         "between 0 and 90 deg",
     ),
     ({"contact.law": "line", "contact.shape": "beads"}, "contact.law", "the line law is for capsules"),
-    ({"contact.shape": "capsule", "model.level": "section"}, "contact.shape", "its filaments are discs"),
+    ({"contact.shape": "capsule", "model.level": "section"}, "contact.shape", "it is made of discs"),
     ({"contact.line_load": "1 N"}, "contact.line_load", "a force per length such as '1 N/mm'"),
     ({"contact.softening": 0.5}, "contact.softening", "'auto' or a number, at least 1"),
     ({"contact.damping_ratio": 0}, "contact.damping_ratio", "above 0 and at most 1"),
     ({"contact.friction": float("nan")}, "contact.friction", "a number"),
     # model
-    ({"model.level": "subbundle"}, "model.level", "sub-bundles are not in this version"),
-    ({"model.level": "beam"}, "model.level", "'auto', 'chain', 'rod' or 'section'"),
+    ({"model.level": "beam"}, "model.level", "'auto', 'chain', 'rod', 'section' or 'subbundle'"),
     ({"model.level": 3}, "model.level", "'auto', 'chain'"),
     (
         {"model.spacing": "10 um", "contact.shape": "beads"},

@@ -50,7 +50,7 @@ def test_deep_deflection_is_the_elastica(tmp_path, level, spacing):
 @pytest.mark.parametrize("count", [37, 127, 169, 331, 547, 11719])
 def test_every_count_has_a_plan(count):
     plan = make_plan(load_scene("carbon-12k-section", [f"assembly.count={count}", "platens.stop={thickness='36 um'}"]))
-    assert plan.discs == "plugin" and plan.n_filaments == count and plan.stiffen > 1
+    assert plan.disc_fixes == "plugin" and plan.n_filaments == count and plan.stiffen > 1
     assert plan.predicted_seconds < 600
 
 

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
-from cgfibre.engine.capsule import capsule_parameters, friction_table
+from cgfibre.engine.capsule import capsule_parameters, tables
 from cgfibre.engine.datafile import DataFile, Topology, group_types
+from cgfibre.engine.fabric import fabric_parameters, rest_forces
 from cgfibre.engine.mirror import right_half
+from cgfibre.engine.subbundle import law_files
 from cgfibre.errors import InputError
 from cgfibre.mechanics.elastica import SpringLaw
 from cgfibre.plan.contact import STIFFEN_FROM, STIFFEN_TO, TANGENTIAL_DAMPING
-from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, ROD_DAMPING, Contact, Plan
+from cgfibre.plan.model import CONTACT, GRIP, GRIP_STIFFENING, LEFT, RIGHT, ROD_DAMPING, Contact, Plan, every_bead
 from cgfibre.plan.section_platens import first_touch
 
 ROLES = 5
@@ -53,9 +55,9 @@ def pair_words(contact: Contact) -> str:
 
 def beads_under(system: FilamentSystem, plan: Plan, span: tuple[float, float] | None) -> npt.NDArray[np.bool_]:
     """(n_beads,) bool: beads that a platen of this span presses, as built (None: a platen without edges)."""
-    if plan.level == "section":
+    if plan.flat:
         return np.ones(system.n_beads, dtype=bool)
-    touching = np.tile(plan.beads.role, system.n_filaments) == CONTACT
+    touching = every_bead(system, plan.beads.role) == CONTACT
     if span is None:
         return touching
     x = system.positions[:, 0]
@@ -63,10 +65,13 @@ def beads_under(system: FilamentSystem, plan: Plan, span: tuple[float, float] | 
 
 
 def platen_heights(system: FilamentSystem, plan: Plan) -> tuple[float, float]:
-    """(top, bottom) z of the flat platens at first touch, um: where they meet the assembly as built.
+    """(top, bottom) z of the flat platens at first touch, um: where they meet the assembly as built, sub-bundles
+    where they meet the filaments that these stand for.
 
     Platens that are curved across a section: z of their surfaces at the middle.
     """
+    if plan.discs is not None:
+        return plan.discs.heights
     radius = system.diameter[system.filament_of_bead] / 2
     if plan.level == "section" and plan.platens.shape == "crimped":
         centres, p = system.positions[:, 1:], plan.platens
@@ -165,6 +170,8 @@ def _common(system: FilamentSystem, plan: Plan) -> dict[str, float | int | str]:
 
 def _platen_file(plan: Plan) -> str:
     """Which platens_*.inc the deck includes."""
+    if plan.level == "subbundle":
+        return plan.level
     if plan.level == "section":
         return "section_crimped" if plan.platens.shape == "crimped" else "section"
     return f"capsule_{plan.platens.shape}" if plan.contact.per_length else plan.platens.shape
@@ -199,9 +206,8 @@ def _crimp(plan: Plan, top: float, bottom: float) -> dict[str, float | int | str
 
 
 def _along(system: FilamentSystem, plan: Plan) -> tuple[IntArray, FloatArray]:
-    """Role and mass of every bead from those of the stations all filaments share."""
-    n = system.n_filaments
-    return np.tile(plan.beads.role, n), np.tile(plan.beads.mass, n)
+    """Role and mass of every bead."""
+    return every_bead(system, plan.beads.role), every_bead(system, plan.beads.mass)
 
 
 def _strain(system: FilamentSystem, plan: Plan) -> FloatArray:
@@ -212,7 +218,7 @@ def _strain(system: FilamentSystem, plan: Plan) -> FloatArray:
     EA = np.array([k.EA for k in t])[system.filament_type[filament]]
     if plan.beads.closed:  # no ends to pull: the tension is built in
         return plan.axial_softening * (system.prestrain[filament] + plan.beads.tension / EA)
-    role = np.tile(plan.beads.role, system.n_filaments)
+    role = every_bead(system, plan.beads.role)
     right = role == RIGHT
     # every held bead is loaded: a bond between two of them carries the outer one's share
     loaded = np.where(right[bonds[:, 0]] & right[bonds[:, 1]], 1, max(1, int(np.sum(plan.beads.role == RIGHT))))
@@ -233,6 +239,12 @@ def rest_bends(system: FilamentSystem) -> FloatArray:
     return np.arctan2(cross, np.sum(u * v, axis=1))
 
 
+def _molecules(system: FilamentSystem, plan: Plan) -> IntArray:
+    """(n_beads,) molecule of every bead: what never touches itself, a filament or all chains of a tow."""
+    whole = plan.woven is not None and plan.woven.resolve == "tow"
+    return (system.tow if whole else np.arange(system.n_filaments))[system.filament_of_bead] + 1
+
+
 def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
     system, plan = right_half(whole, plan)
     role, mass = _along(system, plan)
@@ -245,8 +257,7 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
     bond = Topology(
         "Bond", bonds, bond_kind, [(float(EA[i] / (2 * rest[i])), float(rest[i])) for i in first], "harmonic"
     )
-    station = angles[:, 1] - system.filament_start[system.filament_of_bead[angles[:, 1]]]
-    stiffness = plan.beads.hinge[station]
+    stiffness = every_bead(system, plan.beads.hinge)[angles[:, 1]]
     style = "cosine"
     rows: list[tuple[float, ...]]
     bend = rest_bends(system)
@@ -277,7 +288,7 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
             p[:, 2],
             diameter,
             _density(mass, diameter),
-            system.filament_of_bead + 1,
+            _molecules(system, plan),
         ],
         atom_format=["%d", "%.17g", "%.17g", "%.17g", "%.17g", "%.17g", "%d"],
         n_types=n_types,
@@ -285,6 +296,7 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
         pair_style="granular",
         pair_rows=[] if plan.contact.per_length else _pair_rows(n_types, plan.contact),
         topologies=topologies,
+        rest=rest_forces(system, plan),
     )
     parameters = _common(system, plan) | {
         "ghost_cutoff_um": _ghost_cutoff(system, plan),
@@ -299,11 +311,12 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
         "end_load_nN": plan.beads.end_load,
         "boundary_x": "p" if plan.beads.closed else "m",
     }
+    parameters |= fabric_parameters(system, plan)
     if plan.beads.support == "symmetric":
         parameters |= {"mirror": 2, "plane_x_um": float(plan.beads.stations[1])}
     if plan.beads.support == "condensed":
         parameters["far_transverse_nN_um"], parameters["far_axial_nN_um"] = plan.beads.far_spring
-    return Deck("in.chain", parameters, data, {}, friction_table(plan.contact))
+    return Deck("in.chain", parameters, data, {}, tables(plan.contact))
 
 
 def _ghost_cutoff(system: FilamentSystem, plan: Plan) -> float:
@@ -406,8 +419,7 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         molecule = np.concatenate([molecule, np.tile(np.arange(1, system.n_filaments + 1), 2)])
         beads = n + len(grips)
     kinds, first_row = group_types(bond_kind, rest, lighter)
-    station = angles[:, 1] - system.filament_start[system.filament_of_bead[angles[:, 1]]]
-    gauge = plan.beads.hinge[station] * ANGLE_GAUGE
+    gauge = every_bead(system, plan.beads.hinge)[angles[:, 1]] * ANGLE_GAUGE
     angle_kind, first_angle = group_types(gauge)
     diameter = np.full(beads, kind.diameter)
     n_types = ROLES
@@ -464,12 +476,12 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         "end_load_nN": plan.beads.end_load,
         "boundary_x": "p" if plan.beads.closed else "m",
     }
-    tables = {
+    columns = {
         "bond_kinds.txt": bond_kind[first_row],
         "bond_lengths.txt": rest[first_row],
         "bond_masses.txt": lighter[first_row],
     }
-    return Deck("in.rod", parameters, data, tables, friction_table(plan.contact))
+    return Deck("in.rod", parameters, data, columns, tables(plan.contact))
 
 
 def _check_upright(vectors: FloatArray) -> None:
@@ -496,7 +508,8 @@ def _natural_positions(system: FilamentSystem, vectors: FloatArray) -> FloatArra
     return total + start
 
 
-def _section(system: FilamentSystem, plan: Plan) -> Deck:
+def section_deck(system: FilamentSystem, plan: Plan, name: str, pair_rows: list[tuple[int, int, str]]) -> Deck:
+    """Deck ``name`` of discs on springs, one type a kind of filament for every role; ``pair_rows`` of its data file."""
     diameter = system.diameter
     n = system.n_filaments
     mass = np.full(n, plan.beads.mass[0])
@@ -504,7 +517,7 @@ def _section(system: FilamentSystem, plan: Plan) -> Deck:
     zero = np.zeros(n)
     n_types = ROLES * len(system.types)
     data = DataFile(
-        title="cgfibre, level section, units micro",
+        title=f"cgfibre, level {plan.level}, units micro",
         atom_style="hybrid",
         # hybrid sphere dipole bond: id type x y z diameter density q mux muy muz molecule;
         # LAMMPS' x, y are the scene's y, z
@@ -525,14 +538,30 @@ def _section(system: FilamentSystem, plan: Plan) -> Deck:
         n_types=n_types,
         box=np.array([box[1], box[2], [-float(np.max(diameter)), float(np.max(diameter))]]),
         pair_style="granular",
-        pair_rows=_pair_rows(n_types, plan.contact),
+        pair_rows=pair_rows,
     )
     parameters = _common(system, plan) | {
-        "contact_shape": "discs",
-        "discs": plan.discs,
         "spring_nN_um": plan.springs[0],
         "torsion_nN_um": plan.springs[1],
         "turning_drag": plan.turning_drag,
+    }
+    return Deck(name, parameters, data, {})
+
+
+def _spring_table(law: SpringLaw) -> str:
+    """The law as fix disc/support reads it."""
+    rows = zip(law.deflection, law.force, strict=True)
+    lines = [f"{i} {d:.17g} {f:.17g}\n" for i, (d, f) in enumerate(rows, 1)]
+    return (
+        "# deflection (um), force (nN) of a filament on its supports\nSPRING\n" + f"N {len(lines)}\n" + "".join(lines)
+    )
+
+
+def _section(system: FilamentSystem, plan: Plan) -> Deck:
+    deck = section_deck(system, plan, "in.section", _pair_rows(ROLES * len(system.types), plan.contact))
+    parameters = deck.parameters | {
+        "contact_shape": "discs",
+        "discs": plan.disc_fixes,
         "pair_kn": plan.contact.kn,
         "centre_um": float(np.mean(system.positions[:, 2])),
     }
@@ -549,19 +578,23 @@ def _section(system: FilamentSystem, plan: Plan) -> Deck:
             "stiffen_from_um": STIFFEN_FROM * d,
             "stiffen_to_um": STIFFEN_TO * d,
         }
-    return Deck("in.section", parameters, data, {}, texts)
+    return replace(deck, parameters=parameters, texts=texts)
 
 
-def _spring_table(law: SpringLaw) -> str:
-    """The law as fix disc/support reads it."""
-    rows = zip(law.deflection, law.force, strict=True)
-    lines = [f"{i} {d:.17g} {f:.17g}\n" for i, (d, f) in enumerate(rows, 1)]
-    return (
-        "# deflection (um), force (nN) of a filament on its supports\nSPRING\n" + f"N {len(lines)}\n" + "".join(lines)
-    )
+def _subbundle(system: FilamentSystem, plan: Plan) -> Deck:
+    if plan.discs is None:
+        raise ValueError("a plan of level subbundle says what its discs are")
+    parameters, tables, texts = law_files(plan.discs, plan)
+    deck = section_deck(system, plan, "in.subbundle", [])
+    return replace(deck, parameters={**deck.parameters, **parameters}, tables=tables, texts=texts)
 
 
-ASSEMBLERS: dict[str, Callable[[FilamentSystem, Plan], Deck]] = {"chain": _chain, "rod": _rod, "section": _section}
+ASSEMBLERS: dict[str, Callable[[FilamentSystem, Plan], Deck]] = {
+    "chain": _chain,
+    "rod": _rod,
+    "section": _section,
+    "subbundle": _subbundle,
+}
 
 
 def assemble(system: FilamentSystem, plan: Plan) -> Deck:

@@ -52,7 +52,11 @@ def curve_of(raw: RawRecord, system: FilamentSystem, plan: Plan) -> Curve:
     stored = m["stored"] - raw.start.get("stored", 0.0) + potential
     d = _with_start(0.0, m["displacement"])
     force = _with_start(0.0, m["top_force"])
-    width = _with_start(raw.start.get("y_hi", 0.0) - raw.start.get("y_lo", 0.0) + diameter, m["width"])
+    built = raw.start.get("y_hi", 0.0) - raw.start.get("y_lo", 0.0) + diameter
+    area = math.pi / 4 * float(np.sum(system.diameter**2))
+    if plan.woven is not None:  # of a cell: its extent in y, and the section through all of its fibres
+        built, area = plan.woven.size[1], plan.woven.volume / plan.platens.contact_length
+    width = _with_start(built, m["width"])
     thickness = top - bottom - d
     step = _with_start(0.0, raw.step.astype(float))
     columns = {
@@ -63,7 +67,7 @@ def curve_of(raw: RawRecord, system: FilamentSystem, plan: Plan) -> Curve:
         "force_top_N": force * NEWTON,
         "force_bottom_N": _with_start(0.0, m["bottom_force"]) * NEWTON,
         "pressure_MPa": force / (plan.platens.contact_length * width) * MPA,
-        "fibre_volume_fraction": math.pi / 4 * float(np.sum(system.diameter**2)) / (width * thickness),
+        "fibre_volume_fraction": area / (width * thickness),
         "kinetic_J": _with_start(0.0, m["kinetic"]) * JOULE,
         "stored_J": _with_start(0.0, stored) * JOULE,
         "work_J": np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(d))]) * JOULE,
@@ -106,7 +110,7 @@ def frames_of(folder: Path, system: FilamentSystem, plan: Plan, raw: RawRecord) 
     """
     found: dict[int, FloatArray] = {}
     for step, positions in iterate_frames(folder / "trajectory.lammpstrj", moved_beads(system, plan)):
-        if plan.level == "section":
+        if plan.flat:
             # a section's y, z were LAMMPS' x, y
             positions = np.column_stack([np.zeros(len(positions)), positions[:, 0], positions[:, 1]])
         found[step] = whole_of(positions, system, plan)

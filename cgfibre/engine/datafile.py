@@ -31,7 +31,7 @@ class DataFile:
     """Content of a data file: the atom columns after ``id``, topologies, pair coefficients, start displacements.
 
     ``atom_columns`` each (n_atoms,); ``atom_format`` one %-format a column; ``pair_rows`` (i, j zero-based, words).
-    ``start`` (n_atoms, 3) or None: written as the section ``Start`` for fix property/atom.
+    ``start`` and ``rest`` (n_atoms, 3) or None: written as the sections ``Start`` and ``Rest`` for fix property/atom.
     """
 
     title: str
@@ -44,6 +44,7 @@ class DataFile:
     pair_rows: Sequence[tuple[int, int, str]]
     topologies: Sequence[Topology] = field(default_factory=tuple)
     start: FloatArray | None = None
+    rest: FloatArray | None = None
 
 
 def _rows(f: IO[str], columns: Sequence[np.ndarray], formats: Sequence[str]) -> None:
@@ -89,9 +90,10 @@ def write_data(path: Path, data: DataFile) -> None:
             f.write(f"\n{t.name}s\n\n")
             members = [t.members[:, k] + 1 for k in range(t.members.shape[1])]
             _rows(f, [np.arange(1, len(t.members) + 1), t.kind + 1, *members], ["%d"] * (2 + len(members)))
-        if data.start is not None:
-            f.write("\nStart\n\n")
-            _rows(f, [ids, *data.start.T], ["%d", "%.17g", "%.17g", "%.17g"])
+        for name, vectors in (("Start", data.start), ("Rest", data.rest)):
+            if vectors is not None:
+                f.write(f"\n{name}\n\n")
+                _rows(f, [ids, *vectors.T], ["%d", "%.17g", "%.17g", "%.17g"])
 
 
 def group_types(*keys: FloatArray, digits: int = 10) -> tuple[IntArray, IntArray]:

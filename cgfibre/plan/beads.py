@@ -37,7 +37,7 @@ def fine_zone(scene: Scene, height: float, bending_length: float) -> tuple[float
 
     Margin: two heights of the assembly or the boundary layer sqrt(EI/P) of a tensioned filament, whichever is more.
     """
-    length = scene.assembly.length
+    length = scene.bundle.length
     lo, hi = platen_span(scene)
     margin = max(2 * height, bending_length)
     return max(0.0, lo - margin), min(length, hi + margin)
@@ -50,18 +50,18 @@ def _centred(length: float, width: float | str) -> tuple[float, float]:
 
 def platen_span(scene: Scene) -> tuple[float, float]:
     """x of the top platen's edges, um."""
-    return _centred(scene.assembly.length, scene.platens.width)
+    return _centred(scene.bundle.length, scene.platens.width)
 
 
 def bottom_span(scene: Scene) -> tuple[float, float]:
     """x of the bottom platen's edges, um; as the top one unless the scene says otherwise."""
     asked = scene.platens.bottom_width
-    return platen_span(scene) if asked is None else _centred(scene.assembly.length, asked)
+    return platen_span(scene) if asked is None else _centred(scene.bundle.length, asked)
 
 
 def choose_far_field(scene: Scene, level: str, zone: tuple[float, float]) -> tuple[str, str]:
     """(form, reason) of the far field: none, graded or condensed."""
-    asked, length = scene.model.far_field, scene.assembly.length
+    asked, length = scene.model.far_field, scene.bundle.length
     if asked != "auto":
         if asked == "condensed" and (level != "chain" or scene.ends.support != "simply-supported"):
             raise InputError(
@@ -107,7 +107,7 @@ def choose_symmetry(scene: Scene, level: str, far_field: str, strain: float) -> 
     against = ""
     if level != "chain":
         against = "only chains have it"
-    elif not scene.assembly.straight or scene.model.torsion == "dihedral":
+    elif not scene.bundle.straight or scene.model.torsion == "dihedral":
         against = "twisted or migrating filaments are not their own mirror image"
     elif scene.ends.support == "symmetry":
         against = "a periodic cell has no middle"
@@ -120,7 +120,7 @@ def choose_symmetry(scene: Scene, level: str, far_field: str, strain: float) -> 
         return False, "as asked in the scene"
     if against:
         return False, against
-    if asked == "auto" and scene.assembly.count > 1 and strain > SYMMETRIC_STRAIN:
+    if asked == "auto" and scene.bundle.count > 1 and strain > SYMMETRIC_STRAIN:
         return False, (
             f"pressed by {strain:.0%} of its height it gives way where columns buckle, and buckling takes sides: a "
             "half locks and yields at other displacements"
@@ -143,7 +143,7 @@ def lay_beads(
     ``segments``: filaments touch along their segments, so any length of them meets its neighbours and platens need no
     bead at their edges. ``half``: mid-span lies between two beads, with segments on one.
     """
-    length = scene.assembly.length
+    length = scene.bundle.length
     anchors = tuple(x for span in (platen_span(scene), bottom_span(scene)) for x in span if 0 < x < length)
     if segments:
         anchors = (length / 2,) if half else ()
@@ -184,7 +184,7 @@ def lay_beads(
     gaps = np.diff(stations)
     widest = np.maximum(np.append(gaps, gaps[-1]), np.insert(gaps, 0, gaps[0]))
     # one filament alone has no neighbours for its beads to miss
-    meets = scene.assembly.count == 1 or segments
+    meets = scene.bundle.count == 1 or segments
     reach = max(filament.diameter, spacing) if meets else filament.diameter
     role = np.where(widest <= reach * (1 + 1e-9), CONTACT, FREE)
     if support != "symmetry":
@@ -202,7 +202,7 @@ def bond_lengths(stations: FloatArray, closed: bool, length: float) -> FloatArra
 
 def _check_natural_length(scene: Scene) -> None:
     """Refuse periodic rods under tension: they could not be laid out in their natural length."""
-    cut = scene.assembly.twist_state == "tensioned" and not scene.assembly.straight
+    cut = scene.bundle.twist_state == "tensioned" and not scene.bundle.straight
     if scene.ends.tension > 0 or cut:
         raise InputError(
             "assembly.twist_state" if cut else "ends.tension",
@@ -224,7 +224,7 @@ def finish_beads(
         _check_natural_length(scene)
     support, stations, role, extras = scene.ends.support, layout.stations, layout.role, layout.condensed
     closed = support == "symmetry"
-    gaps = bond_lengths(stations, closed, scene.assembly.length)
+    gaps = bond_lengths(stations, closed, scene.bundle.length)
     EA, tension = filament.EA / softening, scene.ends.tension
     n = len(stations)
     mass = np.zeros(n)

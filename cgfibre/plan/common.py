@@ -50,7 +50,7 @@ def platens(
 ) -> Platens:
     """Platens of the scene with the contact's stiffness; ``edges``: they end along x; ``across``: crimped ones are
     curved between these y (um), not along x."""
-    p, length = scene.platens, scene.assembly.length
+    p, length = scene.platens, scene.bundle.length
     lo, hi = platen_span(scene) if across is None else across
     radius = 0.0
     if p.shape == "crimped" and p.crimp_angle is not None:

@@ -23,6 +23,7 @@ COSTS = {
     "chain, capsules": Cost(step=7e-6, bead=2.2e-7, block=1e-4),
     "rod, capsules": Cost(step=7e-6, bead=6e-7, block=1e-4),
     "section": Cost(step=3.5e-6, bead=9e-8, block=1e-4),
+    "subbundle": Cost(step=6e-6, bead=3e-7, block=1e-4),
 }
 START = 0.3  # seconds to start the engine and read the assembly
 

@@ -97,7 +97,7 @@ def contact_shape(scene: Scene) -> Choice:
 
 def _segment(scene: Scene, level: str, out: Outline) -> tuple[float, Choice]:
     """Spacing of beads whose segments touch, um: what bending and curvature allow."""
-    d, length = scene.filament.diameter, scene.assembly.length
+    d, length = scene.filament.diameter, scene.bundle.length
     lo, hi = platen_span(scene)
     width = 0.0 if scene.platens.width == "full" else hi - lo
     unit = float(rod.chain_bending_error(1.0, length, width=width, clamped=scene.ends.support == "clamped"))
@@ -119,16 +119,16 @@ def _spacing(scene: Scene, level: str, far_field: str, shape: str, out: Outline)
         return float(asked), Choice("bead spacing", f"{float(asked):.4g} um at most", "as asked in the scene")
     if shape == "capsule":
         return _segment(scene, level, out)
-    if scene.assembly.count > 1 or far_field != "none":
+    if scene.bundle.count > 1 or far_field != "none":
         return d, Choice(
             "bead spacing",
             f"{d:.4g} um at most",
             "one diameter: the largest at which beads of neighbouring filaments always meet"
-            if scene.assembly.count > 1
+            if scene.bundle.count > 1
             else "one diameter in the fine zone; the far field is coarse",
         )
     lo, hi = platen_span(scene)
-    length = scene.assembly.length
+    length = scene.bundle.length
     width = 0.0 if scene.platens.width == "full" else hi - lo
     unit = float(rod.chain_bending_error(1.0, length, width=width, clamped=scene.ends.support == "clamped"))
     bending = math.sqrt(SPACING_SHARE * scene.model.accuracy / unit) if level == "chain" else math.inf
@@ -220,7 +220,7 @@ def plan_filaments(scene: Scene, out: Outline, level: str, choices: list[Choice]
     """Plan of a scene at level chain or rod."""
     f, d = out.filament, scene.filament.diameter
     tension = scene.ends.tension
-    layer = math.sqrt(f.EI / tension) if tension > 0 else scene.assembly.length
+    layer = math.sqrt(f.EI / tension) if tension > 0 else scene.bundle.length
     zone = fine_zone(scene, out.height, layer)
     far, why = choose_far_field(scene, level, zone)
     choices.append(Choice("far field", far, why))
@@ -262,8 +262,8 @@ def plan_filaments(scene: Scene, out: Outline, level: str, choices: list[Choice]
     timestep, step = checked_step(scene, limit)
     choices.append(step)
     width = 0.0 if scene.platens.width == "full" else float(scene.platens.width)
-    stiffness = 1 / float(rod.platen_compliance(scene.assembly.length, f.EI, width=width, tension=tension))
-    span = scene.assembly.length if far == "none" else zone[1] - zone[0]
+    stiffness = 1 / float(rod.platen_compliance(scene.bundle.length, f.EI, width=width, tension=tension))
+    span = scene.bundle.length if far == "none" else zone[1] - zone[0]
     frequency = float(rod.bending_frequency(span, f.EI, f.mass_per_length, tension=tension))
     if far != "none":  # the zone swings on the soft far field
         frequency = min(frequency, math.sqrt(stiffness / (f.mass_per_length * span)))

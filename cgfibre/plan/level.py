@@ -20,7 +20,7 @@ ROLLING_TURN = 0.5
 
 def natural_curvature(scene: Scene, out: Outline) -> float:
     """Largest curvature of the centre lines as built, 1/um: r (2 pi tau)^2 of twist, a (2 pi/p)^2 of migration."""
-    a = scene.assembly
+    a = scene.bundle
     curvature = out.radius() * (2 * math.pi * a.twist) ** 2
     if a.migration is not None:
         curvature += out.radius() / 2 * (2 * math.pi / a.migration.period) ** 2
@@ -29,7 +29,7 @@ def natural_curvature(scene: Scene, out: Outline) -> float:
 
 def straightening(scene: Scene, out: Outline) -> float:
     """How far a straight rest shape would move a filament built curved, um: kappa min(L^2/8, EI/P)."""
-    length, tension = scene.assembly.length, scene.ends.tension
+    length, tension = scene.bundle.length, scene.ends.tension
     arm = length**2 / 8
     if tension > 0:
         arm = min(arm, out.filament.EI / tension)
@@ -45,7 +45,7 @@ def rolling_turn(scene: Scene, out: Outline) -> float:
     layer = max(1.0, math.sqrt(len(out.centres)))
     normal = out.bending_force(scene, out.displacement / 2) / layer
     torque = scene.contact.friction * normal * scene.filament.diameter / 2
-    return torque * scene.assembly.length / (4 * out.filament.GJ)
+    return torque * scene.bundle.length / (4 * out.filament.GJ)
 
 
 def rolling_error(turn: float) -> float:
@@ -55,7 +55,7 @@ def rolling_error(turn: float) -> float:
 
 def nothing_varies(scene: Scene) -> bool:
     """Whether every cross-section sees the same: straight filaments in a periodic cell, a platen over all of it."""
-    return scene.assembly.straight and scene.ends.support == "symmetry" and scene.platens.width == "full"
+    return scene.bundle.straight and scene.ends.support == "symmetry" and scene.platens.width == "full"
 
 
 def choose_level(scene: Scene, out: Outline) -> Choice:
@@ -77,7 +77,7 @@ def choose_level(scene: Scene, out: Outline) -> Choice:
     if nothing_varies(scene) and scene.contact.law != "hertz":
         return Choice("level", "section", "nothing varies along the filaments: one cross-section is all of them")
     sections = (
-        scene.assembly.straight
+        scene.bundle.straight
         and scene.platens.shape == "flat"
         and scene.ends.support == "simply-supported"
         and scene.contact.law != "hertz"
@@ -91,7 +91,7 @@ def choose_level(scene: Scene, out: Outline) -> Choice:
             "the anvil's edges)",
         )
     turn = rolling_turn(scene, out)
-    if turn > ROLLING_TURN and scene.assembly.straight:
+    if turn > ROLLING_TURN and scene.bundle.straight:
         return Choice(
             "level",
             "chain",

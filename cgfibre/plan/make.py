@@ -12,17 +12,22 @@ from cgfibre.plan.level import choose_level
 from cgfibre.plan.model import Choice, Plan
 from cgfibre.plan.outline import Outline, outline
 from cgfibre.plan.section import plan_section
+from cgfibre.plan.subbundle import plan_subbundle
+from cgfibre.plan.weave import plan_weave
 from cgfibre.scene import Scene, scene_from_dict
 
 PLANNERS: dict[str, Callable[[Scene, Outline, str, list[Choice]], Plan]] = {
     "chain": plan_filaments,
     "rod": plan_filaments,
     "section": plan_section,
+    "subbundle": plan_subbundle,
 }
 
 
 def make_plan(scene: Scene) -> Plan:
     """The plan of a scene; InputError names what in the scene cannot be modelled."""
+    if scene.is_weave:
+        return plan_weave(scene)
     out = outline(scene)
     level = choose_level(scene, out)
     if level.value not in PLANNERS:
@@ -32,9 +37,9 @@ def make_plan(scene: Scene) -> Plan:
 
 def _placing(scene: Scene, out: Outline) -> list[Choice]:
     """How far centres from a file were moved to clear their overlaps."""
-    if scene.assembly.centres is None:
+    if scene.bundle.centres is None:
         return []
-    asked = np.array(scene.assembly.centres)
+    asked = np.array(scene.bundle.centres)
     moved = np.hypot(*(out.centres - (asked - asked.mean(axis=0))).T)
     n = int(np.sum(moved > 1e-6 * scene.filament.diameter))
     if n == 0:
@@ -55,8 +60,19 @@ def other_shape(scene: Scene, planned: str, level: str) -> InputError | None:
 
 
 def other_levels(scene: Scene, plan: Plan) -> dict[str, Plan | InputError]:
-    """What the scene would be at every other level: its plan, or why it cannot be."""
+    """What the scene would be at every other level: its plan, or why it cannot be. Of a weave: with its tows, or with
+    all their filaments."""
     found: dict[str, Plan | InputError] = {}
+    if plan.woven is not None:
+        other = "filament" if plan.woven.resolve == "tow" else "tow"
+        asked = scene.model_dump(exclude_none=True)
+        asked["model"] |= {"resolve": other, "spacing": "auto"}
+        asked["contact"] = {k: v for k, v in asked["contact"].items() if k not in ("law", "stiffness", "rise", "table")}
+        try:
+            found[other] = make_plan(scene_from_dict(asked))
+        except InputError as error:
+            found[other] = error
+        return found
     for level in PLANNERS:
         if level == plan.level:
             continue

@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cgfibre.build.system import FloatArray, IntArray
+from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
 from cgfibre.mechanics.elastica import SpringLaw
+from cgfibre.scene import FLAT
+from cgfibre.scene_values import LawRow
 
 #: roles of a station's beads; bead type in the engine = role * filament kinds + kind + 1
 CONTACT, FREE, LEFT, RIGHT, GRIP = range(5)
@@ -48,7 +50,8 @@ class ErrorPart:
 
 @dataclass(frozen=True)
 class Beads:
-    """Where the beads of every filament stand along x and what they are.
+    """Where the beads of every filament stand along x and what they are; of a weave, whose tows share no stations,
+    ``role``, ``mass`` and ``hinge`` are those of all beads, and ``stations`` their places along their own tow.
 
     ``stations`` (n,) um; ``role`` (n,) int; ``mass`` (n,) pg; ``hinge`` (n,) nN um, the angle stiffness K of angle
     cosine at each station (0 where there is no angle); ``far_spring`` (transverse, axial) nN/um of a condensed far
@@ -69,6 +72,43 @@ class Beads:
     zone: tuple[float, float] = (0.0, 0.0)
 
 
+def every_bead(system: FilamentSystem, values: np.ndarray) -> np.ndarray:
+    """(n_beads,) from values of the stations that all filaments share, or of all beads (a weave)."""
+    return values if len(values) == system.n_beads else np.tile(values, system.n_filaments)
+
+
+@dataclass(frozen=True)
+class Woven:
+    """A weave: what is ``resolve``d (tow or filament), the ``size`` (x, y) um of the cell or patch, the ``volume`` of
+    fibres um3, whether it is ``periodic``, whether its tows are free of stress as built (``at_rest``).
+
+    In the plane, over ``preparation`` steps before the platens move: ``strain`` (x, y),
+    ``tension`` (x, y) nN on the whole cell (None: held there), ``shear`` rad. A free edge finds its place in
+    ``edge_time`` us against an ``edge_stiffness`` (x, y) nN a strain. ``skin`` um: how far beads go before neighbours
+    are found anew; ``end_stiffness`` nN/um of a patch's ends; ``asked_spacing`` um that the builder was given.
+    """
+
+    resolve: str
+    size: tuple[float, float]
+    volume: float
+    periodic: bool
+    at_rest: bool
+    strain: tuple[float, float] = (0.0, 0.0)
+    tension: tuple[float | None, float | None] = (None, None)
+    shear: float = 0.0
+    preparation: int = 0
+    edge_time: float = 0.0
+    edge_stiffness: tuple[float, float] = (0.0, 0.0)
+    skin: float = 1.0
+    end_stiffness: float = 0.0
+    asked_spacing: float = 0.0
+
+    @property
+    def moved(self) -> bool:
+        """Whether anything happens in the plane."""
+        return self.strain != (0.0, 0.0) or self.tension != (None, None) or self.shear != 0.0
+
+
 @dataclass(frozen=True)
 class Contact:
     """Contact between filaments.
@@ -77,7 +117,8 @@ class Contact:
     capsule: the same per length of contact, kn, kt in kPa, gamma in nN us/um^2, ``law`` hooke or line: then kn is the
     secant at the design load and ``modulus`` kPa the E* of the line contact, softened. ``line_stiffness`` kPa is the
     real secant stiffness per length that ``softening`` divides. ``kinetic`` friction of what slips (None: as
-    ``friction``); ``by_angle`` ((angle rad, mu), ...) in the place of ``friction``.
+    ``friction``); ``by_angle`` ((angle rad, mu), ...) in the place of ``friction``. Law table: ``pair`` and ``platen``
+    are its rows (overlap um, force per length nN/um, the same on the way back or None).
     """
 
     law: str
@@ -91,6 +132,8 @@ class Contact:
     modulus: float = 0.0
     kinetic: float | None = None
     by_angle: tuple[tuple[float, float], ...] | None = None
+    pair: tuple[LawRow, ...] = ()
+    platen: tuple[LawRow, ...] = ()
 
     @property
     def per_length(self) -> bool:
@@ -120,6 +163,22 @@ class Platens:
     convex: bool = True
     bottom_crimped: bool = True
     modulus: float = 0.0
+
+
+@dataclass(frozen=True)
+class Discs:
+    """Discs of a level subbundle: ``filaments`` that each stands for, ``diameter`` um, stiffness ``factors`` of their
+    kinds; the law of two: ``overlap`` um, ``load`` and ``unload`` nN/um of depth; ``heights``: top and bottom platen um
+    where they touch the outline of the filaments as arranged; ``centres`` (y, z) um as arranged."""
+
+    filaments: float
+    diameter: float
+    factors: tuple[float, ...]
+    overlap: tuple[float, ...]
+    load: tuple[float, ...]
+    unload: tuple[float, ...] | None
+    heights: tuple[float, float]
+    centres: tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
@@ -219,10 +278,11 @@ class Plan:
     """The least model that the scene asks for, in engine units.
 
     ``depth`` um is the length a section stands for (0 for the other levels); ``springs`` (nN/um, nN um/rad) its
-    springs, for small deflections and turns; ``spring_law`` their law for large ones, where it is wanted; ``discs``:
-    "plugin" or "engine", whose fixes hold them; ``stiffen``: their contacts may become so many times stiffer;
-    ``free_span`` um the length that bends beside a finite platen; ``timestep`` us; ``drag`` nN us/um and
-    ``turning_drag`` nN um us of the background on a contact bead.
+    springs, for small deflections and turns; ``spring_law`` their law for large ones, where it is wanted;
+    ``disc_fixes``: "plugin" or "engine", whose fixes hold them; ``stiffen``: their contacts may become so many times
+    stiffer; ``discs`` what discs that stand for many filaments are (None: each is a filament); ``free_span`` um the
+    length that bends beside a finite platen; ``timestep`` us; ``drag`` nN us/um and ``turning_drag`` nN um us of the
+    background on a contact bead.
     """
 
     level: str
@@ -250,9 +310,16 @@ class Plan:
     free_span: float = math.inf
     depth: float = 0.0
     springs: tuple[float, float] = (0.0, 0.0)
+    woven: Woven | None = None
     spring_law: SpringLaw | None = None
-    discs: str = "engine"
+    disc_fixes: str = "engine"
     stiffen: float = 1.0
+    discs: Discs | None = None
+
+    @property
+    def flat(self) -> bool:
+        """Whether the model is a cross-section: discs, nothing along the filaments."""
+        return self.level in FLAT
 
     @property
     def promised_error(self) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -263,39 +263,57 @@ def plan_motion(
                 "unloaded till the platen feels nothing, then loaded from there as the first time: slow, then faster",
             )
         )
-    unload = scene.platens.unload
-    phases = 2 * len(cycles) + (2 if unload else 1)
-    to = cycles[0].displacement if cycles else displacement  # the first loading ends there
-    total = film_time(first, last, growth, to) / timestep
-    whole = film_time(first, last, growth, displacement) / timestep
-    every = max(1, round((total + (phases - 1) * whole) / scene.output.samples / READINGS))
-    sample = every * READINGS
-    load_steps = max(sample, math.ceil(total / sample) * sample)
-    # a little slower, so that the last whole window ends at the planned displacement itself (later ones: the deck)
-    first, last = first * total / load_steps, last * total / load_steps
-    hold = math.ceil(scene.platens.hold / timestep / sample) * sample
     main = target(scene.platens.stop, displacement, contact_length)
     motion = Motion(
         first=first,
         last=last,
         growth=growth,
-        load_steps=load_steps,
-        hold_steps=hold,
-        unload=unload,
+        load_steps=0,
+        hold_steps=0,
+        unload=scene.platens.unload,
         stop_force=main.force,
         stop_pressure=main.pressure,
         planned_displacement=displacement,
         quasi_static_impedance=least,
         eps=eps,
         fastest=fastest if bodies.bends else math.inf,
-        pace=_pace((first, last, growth), allowed, d, displacement) if bodies.bends else math.nan,
         cycles=cycles,
+    )
+    motion, sampling = in_steps(scene, motion, timestep)
+    if bodies.bends:
+        pace = _pace((motion.first, motion.last, growth), allowed, d, displacement)
+        motion = replace(motion, pace=pace)
+    return motion, sampling, choices
+
+
+def in_steps(scene: Scene, motion: Motion, timestep: float) -> tuple[Motion, Sampling]:
+    """A motion whose speeds are known, with the steps of its phases, and its sampling.
+
+    A little slower than asked, so that the last whole window of the first loading ends at its planned displacement
+    itself (those of later loadings: the deck).
+    """
+    phases = 2 * len(motion.cycles) + (2 if motion.unload else 1)
+
+    def steps(displacement: float) -> float:
+        return film_time(motion.first, motion.last, motion.growth, displacement) / timestep
+
+    total, whole = steps(motion.targets[0].displacement), steps(motion.planned_displacement)
+    every = max(1, round((total + (phases - 1) * whole) / scene.output.samples / READINGS))
+    sample = every * READINGS
+    load_steps = max(sample, math.ceil(total / sample) * sample)
+    slower = total / load_steps
+    motion = replace(
+        motion,
+        first=motion.first * slower,
+        last=motion.last * slower,
+        load_steps=load_steps,
+        hold_steps=math.ceil(scene.platens.hold / timestep / sample) * sample,
     )
     planned = motion.planned_steps
     frame = max(1, round(planned / scene.output.frames / sample)) * sample
     checkpoint = max(1, round(planned / CHECKPOINTS / frame)) * frame
     block = math.ceil(BLOCK / sample) * sample
-    return motion, Sampling(sample, every, frame, checkpoint, block), choices
+    return motion, Sampling(sample, every, frame, checkpoint, block)
 
 
 def _pace(

@@ -34,7 +34,7 @@ class Outline:
     def bending_force(self, scene: Scene, displacement: float) -> float:
         """Force on a platen that bends the filaments between their end supports, nN; rows join in as voids close."""
         width = 0.0 if scene.platens.width == "full" else float(scene.platens.width)
-        length, tension = scene.assembly.length, scene.ends.tension
+        length, tension = scene.bundle.length, scene.ends.tension
         stiffness = 1 / float(rod.platen_compliance(length, self.filament.EI, width=width, tension=tension))
         depths = LATE * depths_below_top(self.centres)
         force = bundle_bending_force(
@@ -66,7 +66,7 @@ class Outline:
 
 def arrangement_spec(scene: Scene) -> ArrangementSpec:
     """The scene's arrangement as the builders take it."""
-    a = scene.assembly
+    a = scene.bundle
     if a.fibre_volume_fraction is not None:
         fraction: float | None = a.fibre_volume_fraction
     else:
@@ -93,7 +93,7 @@ def outline(scene: Scene) -> Outline:
     """Arrange the section and check the planned stop against it; InputError names what cannot be."""
     spec = arrangement_spec(scene)
     d = scene.filament.diameter
-    centres = arrange(spec, d, np.random.default_rng(scene.assembly.seed))
+    centres = arrange(spec, d, np.random.default_rng(scene.bundle.seed))
     if spec.centres is not None:
         fraction = len(centres) * np.pi * d**2 / 4 / enclosing_area(centres, d)
         pitch = pitch_from_void_fraction(d, 1 - min(fraction, HEXAGONAL_LIMIT))

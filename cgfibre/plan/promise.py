@@ -44,12 +44,12 @@ def promise(
     else:
         speed, reason = UNBOUNDED, "no bound of the speed applies"
     parts = [ErrorPart("platen speed", speed, reason)]
-    several = scene.assembly.count > 1
+    several = scene.bundle.count > 1
     if spacing > 0:
         width = 0.0 if scene.platens.width == "full" else float(scene.platens.width)
         clamped = scene.ends.support == "clamped"
         if level == "chain" and scene.platens.width != "full" and scene.ends.support != "symmetry":
-            error = float(rod.chain_bending_error(spacing, scene.assembly.length, width=width, clamped=clamped))
+            error = float(rod.chain_bending_error(spacing, scene.bundle.length, width=width, clamped=clamped))
             parts.append(ErrorPart("bead spacing", error, f"bending of a chain with beads {spacing:.3g} um apart"))
         if not several and not capsule:
             lo, hi = platen_span(scene)

@@ -41,7 +41,7 @@ SPRING_MARGIN = 1.2
 
 def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) -> Plan:
     """Plan of a scene at level section; without springs where nothing varies along the filaments."""
-    f, length, tension = out.filament, scene.assembly.length, scene.ends.tension
+    f, length, tension = out.filament, scene.bundle.length, scene.ends.tension
     width = length if scene.platens.width == "full" else float(scene.platens.width)
     depth = width if scene.model.depth == "auto" else float(scene.model.depth)
     choices.append(
@@ -176,7 +176,7 @@ def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) 
         depth=depth,
         springs=(k, turn),
         spring_law=large,
-        discs="plugin" if plugin else "engine",
+        disc_fixes="plugin" if plugin else "engine",
         stiffen=float(softening.value) if plugin and scene.contact.softening == "auto" else 1.0,
     )
 

@@ -93,8 +93,10 @@ def depth_of(scene: Scene, plan: Plan) -> float:
     """Length along the filaments over which a platen's force is spread, um: a section's depth, the platen's width."""
     if plan.depth > 0:
         return plan.depth
+    if plan.woven is not None:
+        return plan.woven.size[0]
     width = scene.platens.width
-    return float(scene.assembly.length if width == "full" else width)
+    return float(scene.bundle.length if width == "full" else width)
 
 
 def load_of(curve: Curve, kind: str, depth: float) -> FloatArray:

@@ -142,15 +142,15 @@ def lay_out(cell: Cell, study: Study, out: Path) -> list[SweepRun]:
         scene, _ = plan_scene(cell.scene, asked)
         given = any(text.startswith("assembly.jitter") for text in cell.overrides)
         jitter = 0.0 if given else specimen_jitter(scene, study.jitter)
-        if getattr(scene.assembly, "seed", None) is None and cell.starts > 1:
-            raise InputError("starts", cell.starts, "1: this assembly has no seed, every specimen is the same")
-        if study.compare.kind == "line_force" and not hasattr(scene.assembly, "length"):
+        if scene.is_weave and scene.model.resolve != "filament" and cell.starts > 1:
+            raise InputError("starts", cell.starts, "1: tows have no seed, every specimen of this weave is the same")
+        if study.compare.kind == "line_force" and scene.is_weave:
             expected = "pressures or forces: this assembly has no length along its filaments"
             raise InputError("compare.loads", list(study.compare.loads), expected)
         runs = []
         for start in range(cell.starts):
             own = start_overrides(scene, start, jitter)
-            folder = out / "runs" / cell.slug / f"seed-{getattr(scene.assembly, 'seed', 0) + start}"
+            folder = out / "runs" / cell.slug / f"seed-{scene.assembly.seed + start}"
             runs.append(SweepRun.planned(folder, cell.scene, joined_overrides(asked, own)))
         return runs
     except InputError as error:
@@ -185,7 +185,7 @@ def _specimen(run: SweepRun, study: Study) -> Specimen:
     load = load_of(results.curve, study.compare.kind, depth_of(run.scene, run.plan))
     summary = results.summary
     return Specimen(
-        getattr(run.scene.assembly, "seed", 0),
+        run.scene.assembly.seed,
         branches_of(results.curve, load),
         float(results.curve["thickness_um"][0]),
         tuple(g["name"] for g in summary["guards"] if not g["ok"]),

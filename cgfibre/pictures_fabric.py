@@ -1,0 +1,116 @@
+"""The pictures of a fabric that a run leaves: in 3D, sections, crimp and sizes of tows, forces at crossings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cgfibre import plot_fabric, plot_weave
+from cgfibre.build.system import FilamentSystem, FloatArray
+from cgfibre.engine.assemble import platen_heights
+from cgfibre.measure.crossing_forces import crossing_loads, touches
+from cgfibre.measure.crossings import tow_crossings
+from cgfibre.measure.fabric import Fabric, fabric_of, tow_lines
+from cgfibre.measure.fabric_section import cut_fabric
+from cgfibre.measure.segments import period_of
+from cgfibre.plan.model import Plan
+from cgfibre.record import Curve, Frames
+from cgfibre.review import hertz_modulus, line_law
+from cgfibre.review_fabric import planes_of
+
+Statistics = Mapping[str, tuple[np.ndarray, str]]
+
+
+def draw_fabric(
+    out: Path,
+    plan: Plan,
+    system: FilamentSystem,
+    curve: Curve,
+    frames: Frames,
+    statistics: Statistics,
+    shown: Sequence[tuple[int, str]],
+) -> list[Path]:
+    """Write weave.png, sections.png, crimp.png and crossings.png; of ``shown`` (frame, title), as built first, what was
+    built and the deepest.
+
+    ``statistics`` of every frame, as :func:`cgfibre.review_fabric.fabric_statistics` gives them.
+    """
+    fabric = fabric_of(system)
+    peak = max(shown, key=lambda s: frames.displacement_um[s[0]])
+    chosen = [shown[0], peak] if peak != shown[0] else [shown[0]]
+    made = []
+    states = {title: frames.positions[k] for k, title in chosen}
+    figures = {
+        "weave.png": plot_weave.figure_weave(system, states),
+        "sections.png": _sections(plan, fabric, frames, chosen),
+    }
+    if len(next(iter(statistics.values()), ((), ""))[0]) == len(frames):
+        figures["crimp.png"] = _crimp(curve, frames, statistics)
+        figures["crossings.png"] = _crossings(plan, fabric, curve, frames, statistics, peak[0])
+    for name, figure in figures.items():
+        figure.savefig(out / name)
+        made.append(out / name)
+    return made
+
+
+def _faces(plan: Plan, fabric: Fabric, frames: Frames, k: int) -> tuple[float, float]:
+    top, bottom = platen_heights(fabric.system, plan)
+    return bottom, top - float(frames.displacement_um[k])
+
+
+def _sections(plan: Plan, fabric: Fabric, frames: Frames, shown: Sequence[tuple[int, str]]) -> plot_fabric.Figure:
+    through, between = planes_of(fabric, frames.positions[0])
+    views = []
+    for place, where in ((through, "through a weft tow"), (between, "half-way to the next weft tow")):
+        for k, title in shown:
+            bottom, top = _faces(plan, fabric, frames, k)
+            cut = cut_fabric(fabric, frames.positions[k], 0, place)
+            views.append(plot_fabric.CutView(cut, fabric.axis, bottom, top, f"{where}, {title}"))
+    return plot_fabric.figure_cuts(views)
+
+
+def _pressures(curve: Curve, frames: Frames) -> FloatArray:
+    return np.asarray(np.interp(frames.step, curve["step"], curve["pressure_MPa"]))
+
+
+def _turn(frames: Frames) -> int | None:
+    peak = int(np.argmax(frames.displacement_um))
+    return peak if peak < len(frames) - 1 else None
+
+
+def _crimp(curve: Curve, frames: Frames, statistics: Statistics) -> plot_fabric.Figure:
+    def pair(name: str, place: str = "") -> tuple[FloatArray, FloatArray]:
+        warp, weft = (statistics[f"{name}_{tow}{place}"][0] for tow in ("warp", "weft"))
+        return warp, weft
+
+    history = plot_fabric.CrimpHistory(
+        pressure=_pressures(curve, frames),
+        crimp=pair("crimp"),
+        angle=pair("crimp_angle"),
+        width=pair("width", "_crossing"),
+        width_between=pair("width", "_between"),
+        thickness=pair("thickness", "_crossing"),
+        thickness_between=pair("thickness", "_between"),
+        turn=_turn(frames),
+    )
+    return plot_fabric.figure_crimp(history)
+
+
+def _crossings(
+    plan: Plan, fabric: Fabric, curve: Curve, frames: Frames, statistics: Statistics, peak: int
+) -> plot_fabric.Figure:
+    system, positions = fabric.system, frames.positions[peak]
+    lines = tow_lines(fabric, positions)
+    touch = touches(fabric, positions, line_law(plan, system), hertz_modulus(plan))
+    loads = crossing_loads(fabric, tow_crossings(fabric, lines), touch)
+    period = period_of(system)[:2]
+    low = np.where(period > 0, system.box[:2, 0], positions[:, :2].min(axis=0))
+    high = np.where(period > 0, system.box[:2, 1], positions[:, :2].max(axis=0))
+    width = np.array([float(statistics[f"width_{('warp', 'weft')[a]}_crossing"][0][peak]) for a in fabric.axis])
+    view = plot_fabric.CrossingMap(loads, [line.points for line in lines], width, fabric.axis, np.stack([low, high], 1))
+    through = statistics["crossing_force"][0].sum(axis=1) * 1e-9
+    top = np.interp(frames.step, curve["step"], curve["force_top_N"])
+    balance = plot_fabric.Balance(_pressures(curve, frames), top, through)
+    return plot_fabric.figure_crossings(view, balance)

@@ -1,0 +1,116 @@
+"""Platen motion of a weave: as fast as the fabric, a mass on the stiffness that it has at each load, lets it be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from cgfibre.build.system import FloatArray
+from cgfibre.plan.model import Choice, Motion, Sampling
+from cgfibre.plan.motion import SPEED_RATIO, film_time, in_steps, target
+from cgfibre.scene import Scene
+
+#: part of the load at the stop from which on the accuracy asked for shall hold
+REFERENCE_LOAD = 0.1
+#: the accuracy over which the platen's bound is taken, over that asked for
+GAIN = 1.0
+
+
+class Estimate(Protocol):
+    """What a fabric is expected to do between platens; forces nN on the whole cell, displacements um."""
+
+    def displacement(self, force: float) -> float:
+        """Of the platen at a force."""
+
+    def force(self, displacement: float) -> float:
+        """At a displacement of the platen."""
+
+    def stiffness(self, force: float) -> float:
+        """Tangent nN/um at a force."""
+
+
+@dataclass(frozen=True)
+class Stops:
+    """The planned stop: displacement ``depth`` um and ``load`` nN there; ``earlier`` um of the cycles before it."""
+
+    depth: float
+    load: float
+    earlier: tuple[float, ...] = ()
+
+
+def plan_pressing(
+    scene: Scene, estimate: Estimate, mass: float, timestep: float, stops: Stops
+) -> tuple[Motion, Sampling, list[Choice]]:
+    """Speeds, phases and sampling: v <= eps F/sqrt(k m) of the whole fabric, ``mass`` pg on its own stiffness, growing
+    with F."""
+    depth, load = stops.depth, stops.load
+    eps = GAIN * scene.model.accuracy
+    reference = estimate.displacement(REFERENCE_LOAD * load)
+    d = np.linspace(min(reference, depth / 2), depth, 60)
+    force = np.array([estimate.force(float(x)) for x in d])
+    stiffness = np.array([estimate.stiffness(f) for f in force])
+    bound = eps * force / np.sqrt(stiffness * mass)
+    first = float(bound[0]) / 2
+    rise = np.minimum.accumulate(bound[::-1])[::-1] / first - 1
+    growth = float(np.max(d / np.clip(rise, 1e-3, SPEED_RATIO - 1)))
+    last = first * min(SPEED_RATIO, 1 + depth / growth)
+    allowed = (first, last, growth)
+    choices = []
+    if scene.platens.speed == "auto":
+        reason = f"v <= eps F/sqrt(k m) of the fabric on its contacts, eps = {eps:g}, from {REFERENCE_LOAD:.0%} load"
+        most = scene.model.most_steps
+        if most != "auto":
+            faster = film_time(first, last, growth, depth) / timestep / most
+            if faster > 1:
+                first, last = first * faster, last * faster
+                reason += f"; raised {faster:.3g} times to end within {most:.2g} steps"
+        choices.append(Choice("platen speed", f"{first:.3g} to {last:.3g} m/s", reason))
+    else:
+        first = last = float(scene.platens.speed)
+        growth = depth
+        choices.append(Choice("platen speed", f"{first:.4g} m/s", "as asked in the scene"))
+    impedance = math.sqrt(float(stiffness[0]) * mass) / eps
+    choices.append(
+        Choice(
+            "quasi-static above",
+            f"{impedance * first * 1e-9:.2g} N at first touch, {impedance * last * 1e-9:.2g} N at {last:.3g} m/s",
+            "v sqrt(k m)/eps: below it inertia is more than the accuracy asked for",
+        )
+    )
+    length = scene.weave.size[0]
+    each = [cycle for cycle in scene.platens.cycles for _ in range(cycle.times)]
+    cycles = tuple(target(s, x, length) for s, x in zip(each, stops.earlier, strict=True))
+    if cycles:
+        why = "unloaded till the platen feels nothing, then loaded from there as the first time"
+        choices.append(Choice("cycles", f"{len(cycles)} before the last loading", why))
+    main = target(scene.platens.stop, depth, length)
+    motion = Motion(
+        first=first,
+        last=last,
+        growth=growth,
+        load_steps=0,
+        hold_steps=0,
+        unload=scene.platens.unload,
+        stop_force=main.force,
+        stop_pressure=main.pressure,
+        planned_displacement=depth,
+        quasi_static_impedance=impedance,
+        eps=eps,
+        fastest=math.inf,
+        cycles=cycles,
+    )
+    motion, sampling = in_steps(scene, motion, timestep)
+    pace = _pace((motion.first, motion.last, growth), allowed, d)
+    return replace(motion, pace=pace), sampling, choices
+
+
+def _pace(speeds: tuple[float, float, float], allowed: tuple[float, float, float], d: FloatArray) -> float:
+    """Mean over displacements of one (first, last, growth) over another."""
+
+    def speed(of: tuple[float, float, float]) -> FloatArray:
+        return np.minimum(of[0] * (1 + d / of[2]), of[1])
+
+    return float(np.mean(speed(speeds) / speed(allowed)))

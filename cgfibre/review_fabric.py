@@ -1,0 +1,184 @@
+"""What a finished run of a weave is judged and measured by, beside what holds for every run: guards and statistics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from cgfibre.build.system import FilamentSystem, FloatArray
+from cgfibre.measure.crossing_forces import crossing_loads, touches
+from cgfibre.measure.crossings import Crossings, filament_crossings, through_each_other, tow_crossings
+from cgfibre.measure.fabric import Fabric, TowLine, areal_density, fabric_of, tow_lines
+from cgfibre.measure.fabric_section import Room, open_area, room_between, tow_image, tow_sections
+from cgfibre.measure.guards import Guard
+from cgfibre.measure.segments import LineLaw, period_of
+from cgfibre.plan.model import Plan
+from cgfibre.record import Frames
+
+#: pixels across the thinnest of tow, filament and cell in pictures of sections and of the plane, and at most in all
+PIXELS, MOST_PIXELS = 12.0, 20_000
+UNITS = {
+    "displacement": "um",
+    "crimp_angle": "rad",
+    "width": "um",
+    "thickness": "um",
+    "areal_density": "g/m2",
+    "hydraulic_radius": "um",
+    "largest_circle": "um",
+    "crossing_force": "nN",
+    "crossing_area": "um2",
+    "crossing_pressure": "kPa",
+    "crossing_place": "um",
+    "contact_force": "nN",
+}
+
+
+def _units(name: str) -> str:
+    return next((unit for start, unit in UNITS.items() if name.startswith(start)), "1")
+
+
+def upright(plan: Plan, frames: Frames) -> Frames:
+    """Frames of a sheared cell with its edges square again: x - y tan(shear), y/cos(shear); others as they are.
+
+    Which filament lies above which stays, lengths do not.
+    """
+    if plan.woven is None or plan.woven.shear == 0:
+        return frames
+    x, y, z = np.moveaxis(frames.positions, -1, 0)
+    shear = plan.woven.shear
+    flat = np.stack([x - y * np.tan(shear), y / np.cos(shear), z], axis=-1)
+    return Frames(frames.step, frames.displacement_um, flat)
+
+
+def passing_guard(system: FilamentSystem, plan: Plan, frames: Frames) -> Guard:
+    """Whether a filament passed through another; of tows that are ribbons of chains, between tows alone."""
+    fabric = fabric_of(system)
+    if plan.woven is None or plan.woven.resolve == "filament":
+        return through_each_other(fabric, frames)
+    name, n = "tows through each other", system.n_filaments
+    orders = [filament_crossings(fabric, positions).order(n, n) for positions in frames.positions]
+    passed = int(np.sum(np.any([o != orders[0] for o in orders[1:]], axis=0))) if len(orders) > 1 else 0
+    crossing = int(np.sum(orders[0] != 0))
+    message = f"{name}: {passed or 'no'} pairs of chains ({crossing} that cross, followed)"
+    return Guard(name, passed == 0, float(passed), 0.0, message)
+
+
+def planes_of(fabric: Fabric, positions: FloatArray) -> tuple[float, float]:
+    """x (um) of the planes in which a fabric is looked at: through a weft tow in its middle, half-way to the next."""
+    weft = sorted(float(line.points[:, 0].mean()) for line in tow_lines(fabric, positions) if line.axis == 1)
+    k = (len(weft) - 1) // 2
+    period = float(period_of(fabric.system)[0])
+    if k + 1 < len(weft):
+        following = weft[k + 1]
+    else:
+        following = weft[0] + period if period > 0 else float(positions[:, 0].max())
+    return weft[k], (weft[k] + following) / 2
+
+
+def _room(fabric: Fabric, positions: FloatArray, place: float, faces: FloatArray) -> Room:
+    """Room for resin in the plane x = ``place`` um between the platens."""
+    box = fabric.system.box[1]
+    low, high = (box[0], box[1]) if fabric.system.periodic[1] else (positions[:, 1].min(), positions[:, 1].max())
+    limits = np.array([[low, high], faces])
+    size = limits[:, 1] - limits[:, 0]
+    pixel = max(float(fabric.system.diameter.min()) / PIXELS, float(np.sqrt(size[0] * size[1] / MOST_PIXELS)))
+    return room_between(tow_image(fabric, positions, (0, place), limits, pixel), pixel)
+
+
+def _open_area(fabric: Fabric, positions: FloatArray) -> float:
+    extent = np.ptp(positions[:, :2], axis=0)
+    pixel = max(float(fabric.system.diameter.min()) / PIXELS, float(np.sqrt(extent[0] * extent[1] / MOST_PIXELS)))
+    return open_area(fabric, positions, pixel)
+
+
+def fabric_statistics(
+    system: FilamentSystem, frames: Frames, faces: FloatArray, law: LineLaw, modulus: float | None
+) -> dict[str, tuple[np.ndarray, str]]:
+    """Crimp, widths and thicknesses of tows, forces at crossings, room for resin: name -> (one row a frame, units).
+
+    ``faces`` (n_frames, 2) um, z of the bottom and top platen; ``modulus`` as for :func:`touches`. Names end on warp or
+    weft, and on crossing (at the tows' crossings; of the room: in a plane through a weft tow) or between.
+    ``crossing_force`` and ``crossing_area`` (n_frames, n_crossings), ``crossing_place`` (n_frames, n_crossings, 3): by
+    warp tow, then weft tow.
+    """
+    fabric = fabric_of(system)
+    rows: list[dict[str, Any]] = []
+    planes = planes_of(fabric, system.positions)
+    for positions, face in zip(frames.positions, faces, strict=True):
+        if not np.all(np.isfinite(positions)):
+            break
+        lines = tow_lines(fabric, positions)
+        crossings = tow_crossings(fabric, lines)
+        row = _tow_row(fabric, lines, crossings, face)
+        row["areal_density"] = areal_density(fabric, positions, _area(fabric, system.positions))
+        for place, where in zip(planes, ("crossing", "between"), strict=True):
+            room = _room(fabric, positions, place, face)
+            row |= {
+                f"void_fraction_{where}": room.fraction,
+                f"hydraulic_radius_{where}": room.hydraulic_radius,
+                f"largest_circle_{where}": room.largest,
+            }
+        row["open_area"] = _open_area(fabric, positions)
+        touch = touches(fabric, positions, law, modulus)
+        loads = crossing_loads(fabric, crossings, touch)
+        if rows and len(loads.through) != len(rows[0]["crossing_force"]):
+            break  # tows have come off each other: their guard says so
+        row |= {
+            "crossing_force": loads.through,
+            "crossing_area": loads.area,
+            "crossing_place": loads.place,
+            "crossing_force_mean": float(np.mean(loads.through)),
+            "crossing_force_largest": float(np.max(loads.through)),
+            "crossing_area_mean": float(np.mean(loads.area)),
+            "crossing_pressure_mean": float(np.mean(loads.pressure)),
+            "contact_count": len(touch.force),
+            "contact_force_mean": float(np.mean(touch.force)) if len(touch.force) else 0.0,
+            "contact_force_largest": float(np.max(touch.force, initial=0.0)),
+        }
+        rows.append(row)
+    if not rows:
+        return {}
+    values = {name: (np.array([row[name] for row in rows]), _units(name)) for name in rows[0]}
+    values["displacement"] = (frames.displacement_um[: len(rows)], "um")
+    return values
+
+
+def _area(fabric: Fabric, built: FloatArray) -> float:
+    """Area of the cell, or of the patch as built, um2."""
+    period = period_of(fabric.system)[:2]
+    size = np.where(period > 0, period, np.ptp(built[:, :2], axis=0))
+    return float(size[0] * size[1])
+
+
+def _tow_row(fabric: Fabric, lines: list[TowLine], crossings: Crossings, face: FloatArray) -> dict[str, Any]:
+    sections = tow_sections(fabric, lines, crossings, (float(face[0]), float(face[1])))
+    row: dict[str, Any] = {}
+    for axis, tow in enumerate(("warp", "weft")):
+        mine = [line for line in lines if line.axis == axis]
+        row[f"crimp_{tow}"] = float(np.mean([line.crimp() for line in mine]))
+        angles = np.array([line.angles() for line in mine])
+        row[f"crimp_angle_{tow}"] = float(np.mean(angles[:, 1]))
+        row[f"crimp_angle_largest_{tow}"] = float(np.max(angles[:, 0]))
+        for of in ("width", "thickness"):
+            for at, where in ((True, "crossing"), (False, "between")):
+                row[f"{of}_{tow}_{where}"] = sections.mean(of, fabric.axis, axis, at)
+        if not np.any(fabric.single):
+            for at, where in ((True, "crossing"), (False, "between")):
+                row[f"tow_fraction_{tow}_{where}"] = sections.mean("fraction", fabric.axis, axis, at)
+    return row
+
+
+def fabric_summary(statistics: Mapping[str, tuple[np.ndarray, str]]) -> dict[str, dict[str, float]]:
+    """The statistics of a frame in single numbers, as built and at the largest displacement, names with their units."""
+    if not statistics:
+        return {}
+    peak = int(np.argmax(statistics["displacement"][0]))
+    out: dict[str, dict[str, float]] = {"as_built": {}, "at_largest_displacement": {}}
+    for name, (values, units) in statistics.items():
+        if values.ndim == 1:
+            full = name if units == "1" else f"{name}_{units.replace('/', '_per_')}"
+            for where, k in (("as_built", 0), ("at_largest_displacement", peak)):
+                out[where][full] = float(values[k])
+    return out
