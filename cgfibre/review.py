@@ -47,8 +47,6 @@ TOW_LIMIT = 0.5
 PASSING_OVERLAP = 0.2
 #: largest difference of the platen's path from the plan's, over the whole path
 MOTION_LIMIT = 0.05
-#: of the deepest place planned: a loading that comes so near to it ended there, not at its force or pressure
-DEEPEST = 1e-3
 #: surfaces this far apart (over D) count as neighbours in the coordination number
 TOUCHING = 0.02
 
@@ -257,14 +255,13 @@ def _motion_guard(plan: Plan, curve: Curve, balance: Balance | None) -> Guard:
 def _stop_guards(plan: Plan, curve: Curve) -> list[Guard]:
     """Whether stops by force or pressure were met before the loading came to the deepest place planned.
 
-    Of loadings that ended: earlier ones are followed by an unloading, the last one came to its deepest place.
+    Of loadings that ended: something followed, or the last one came to its deepest place.
     """
     found = []
     targets = plan.motion.targets
     for k, target in enumerate(targets, start=1):
         own, last = curve.of(k), k == len(targets)
-        place = float(np.max(own["displacement_um"], initial=0.0))
-        ended = place >= target.displacement * (1 - DEEPEST) if last else bool(own.unloading.any())
+        ended = bool(np.any(own.phase > 0)) or (last and _place(own) >= target.displacement)
         stops = (
             ("force", target.force * 1e-9, "force_top_N", "N"),
             ("pressure", target.pressure * 1e-3, "pressure_MPa", "MPa"),
@@ -280,6 +277,12 @@ def _stop_guards(plan: Plan, curve: Curve) -> list[Guard]:
             )
             found.append(Guard(name, peak >= limit * (1 - 1e-9), peak, limit, message))
     return found
+
+
+def _place(curve: Curve) -> float:
+    """Displacement that a loading came to, um, to a row: rows are means over their windows."""
+    d = curve["displacement_um"][curve.loading]
+    return 2 * float(d[-1]) - float(d[-2]) if len(d) > 1 else 0.0
 
 
 def _slide_guard(plan: Plan, system: FilamentSystem, frames: Frames) -> Guard:
