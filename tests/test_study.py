@@ -175,7 +175,8 @@ def test_every_shipped_study_plans(tmp_path):
     for name in files.shipped_studies():
         study = files.load_study(name, starts=1)
         assert study.title and study.statement, name
-        for cell in files.cells(study):
+        found = files.cells(study)
+        for cell in (found[0], found[-1]) if study.vary else found:  # between them but a number differs
             if not cell.optional:
                 (run,) = lay_out(cell, study, tmp_path)
                 assert run.plan.level in ("section", "chain", "rod"), name
