@@ -5,11 +5,11 @@ The column names and units of ``curve.csv`` (interface) are stated here once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cgfibre.build.system import FloatArray, IntArray
+from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
 
 #: columns of curve.csv and of /record, with their units
 CURVE_COLUMNS: dict[str, str] = {
@@ -116,12 +116,18 @@ class Frames:
     """Filament positions over time.
 
     ``positions`` (n_frames, n_beads, 3) um, unwrapped, in the axes of the scene (x along, y across, z compaction);
-    ``step`` (n_frames,); ``displacement_um`` (n_frames,) of the platen.
+    ``step`` (n_frames,); ``displacement_um`` (n_frames,) of the platen. ``box`` (n_frames, 3, 2) um, bounds of a cell
+    that is strained or pulled in its plane; None: as built.
     """
 
     step: IntArray
     displacement_um: FloatArray
     positions: FloatArray
+    box: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.step)
+
+    def system_at(self, system: FilamentSystem, k: int) -> FilamentSystem:
+        """``system``, as built, in frame ``k``: with its positions and its box."""
+        return replace(system, positions=self.positions[k], box=system.box if self.box is None else self.box[k])

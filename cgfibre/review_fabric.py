@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -39,11 +40,16 @@ def _units(name: str) -> str:
     return next((unit for start, unit in UNITS.items() if name.startswith(start)), "1")
 
 
-def upright(plan: Plan, frames: Frames) -> Frames:
-    """Frames of a sheared cell with its edges square again: x - y tan(shear), y/cos(shear); others as they are.
+def upright(plan: Plan, system: FilamentSystem, frames: Frames) -> Frames:
+    """Frames of a cell that is moved in its plane, in the cell as built: a strained or pulled one scaled to its size, a
+    sheared one with its edges square again (x - y tan(shear), y/cos(shear)); others as they are.
 
     Which filament lies above which stays, lengths do not.
     """
+    if frames.box is not None:
+        low, size = frames.box[:, None, :, 0], np.ptp(frames.box, axis=2)[:, None]
+        scaled = system.box[:, 0] + (frames.positions - low) / size * np.ptp(system.box, axis=1)
+        return Frames(frames.step, frames.displacement_um, scaled)
     if plan.woven is None or plan.woven.shear == 0:
         return frames
     x, y, z = np.moveaxis(frames.positions, -1, 0)
@@ -105,10 +111,11 @@ def fabric_statistics(
     """
     fabric = fabric_of(system)
     rows: list[dict[str, Any]] = []
-    planes = planes_of(fabric, system.positions)
-    for positions, face in zip(frames.positions, faces, strict=True):
+    for k, (positions, face) in enumerate(zip(frames.positions, faces, strict=True)):
         if not np.all(np.isfinite(positions)):
             break
+        fabric = replace(fabric, system=frames.system_at(system, k))
+        planes = planes_of(fabric, system.positions if frames.box is None else positions)
         lines = tow_lines(fabric, positions)
         crossings = tow_crossings(fabric, lines)
         row = _tow_row(fabric, lines, crossings, face)

@@ -63,20 +63,20 @@ def test_planes_go_through_a_weft_tow_and_between(pressed):
 
 def test_a_cell_is_drawn_so_often_that_four_tows_stand_each_way(pressed):
     system, frames = pressed
-    cells = plot_weave.repeated(system, frames.positions[0])
+    cells = plot_weave.repeated(frames.system_at(system, 0))
     assert cells.n_filaments == 4 * 4 and not cells.closed.any()
     extent = np.ptp(cells.positions, axis=0)
     assert extent[:2] == pytest.approx([4 * S, 4 * S])
     patch = plain(2, periodic=False)
-    assert plot_weave.repeated(patch, patch.positions).n_filaments == 4
+    assert plot_weave.repeated(patch).n_filaments == 4
     with pytest.raises(InputError, match="at least one"):
-        plot_weave.figure_weave(system, {})
+        plot_weave.figure_weave({})
 
 
 def test_pictures_show_what_they_are_given(pressed, tmp_path):
     system, frames = pressed
     fabric = fabric_of(system)
-    plot_weave.figure_weave(system, {"as built": frames.positions[0]}).savefig(tmp_path / "weave.png", dpi=40)
+    plot_weave.figure_weave({"as built": frames.system_at(system, 0)}).savefig(tmp_path / "weave.png", dpi=40)
     views = [
         plot_fabric.CutView(cut_fabric(fabric, frames.positions[2], 0, x), fabric.axis, -20.0, 18.0, "cut")
         for x in (S / 2, S)
