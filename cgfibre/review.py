@@ -271,7 +271,30 @@ def _stop_guards(plan: Plan, curve: Curve) -> list[Guard]:
                 f"{target.displacement:.4g} um: filaments gave way; ask for less"
             )
             found.append(Guard(name, peak >= limit * (1 - 1e-9), peak, limit, message))
+    if plan.woven is not None:
+        found += _planned_depth_guard(plan, curve)
     return found
+
+
+def _planned_depth_guard(plan: Plan, curve: Curve) -> list[Guard]:
+    """Whether a weave met its load before the deepest place planned for it, which rests on an estimate."""
+    target = plan.motion.targets[-1]
+    limit, own = target.pressure * 1e-3, curve.of(curve.cycles)
+    unit, column, what = "MPa", "pressure_MPa", "pressure"
+    if math.isinf(limit):
+        limit, unit, column, what = target.force * 1e-9, "N", "force_top_N", "force"
+    if math.isinf(limit) or curve.cycles < len(plan.motion.targets) or len(own) < 3:
+        return []
+    deepest = int(np.argmax(own["displacement_um"]))
+    sample = float(own["displacement_um"][deepest] - own["displacement_um"][deepest - 1])
+    if own["displacement_um"][deepest] + sample < target.displacement:
+        return []  # stopped by its load, or cut short
+    peak = float(np.max(own[column]))
+    message = (
+        f"stop: its {what} came to {peak:.3g} of {limit:.3g} {unit} at the deepest place planned, "
+        f"{target.displacement:.4g} um, by an estimate; ask for that displacement or more"
+    )
+    return [Guard("stop", peak >= limit * (1 - 1e-9), peak, limit, message)]
 
 
 def _slide_guard(plan: Plan, system: FilamentSystem, frames: Frames) -> Guard:
