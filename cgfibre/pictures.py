@@ -195,7 +195,7 @@ def _bundle(
     )
     force, colours = None, None
     if plan.contact.law != "hertz":
-        contacts = contacts_under_platen(plan, system, positions)
+        contacts = contacts_under_platen(plan, system, positions, float(frames.factor[k]))
         force = contacts.force_per_filament(system.n_filaments) * 1e-6
         colours = plot.Colours.spanning("contact force on a filament (mN)", force)
     view = plot.BundleView(

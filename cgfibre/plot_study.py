@@ -111,21 +111,24 @@ def figure_study(lines: Sequence[Line], view: StudyView) -> Figure:
 
 @dataclass(frozen=True)
 class Points:
-    """A number against what varies: ``x``, ``mean``, ``ci`` (n,), um; the fitted law and the thesis' there, if any."""
+    """A number against what varies: ``x``, ``mean`` and ``half`` (n,) the bars' half length (nan: none), um, of at most
+    ``samples`` each; the fitted law and the thesis' there, if any."""
 
     label: str
     x: FloatArray
     mean: FloatArray
-    ci: FloatArray
+    half: FloatArray
+    samples: int
     fit: FloatArray | None = None
     beside: FloatArray | None = None
 
 
 def plot_values(ax: Axes, series: Sequence[Points], xlabel: str) -> Axes:
-    """Thickness at each load against ``xlabel``, with 95 % intervals, a colour a load; laws as lines."""
+    """Thickness at each load against ``xlabel``, with 95 % intervals (of two samples: their range), a colour a load;
+    laws as lines."""
     with style():
         for points, colour in zip(series, shades(len(series)), strict=True):
-            error = np.where(np.isfinite(points.ci), points.ci, 0.0)
+            error = np.where(np.isfinite(points.half), points.half, 0.0)
             ax.errorbar(
                 points.x, points.mean, yerr=error, fmt="o", ms=5, capsize=3, lw=1.3, color=colour, label=points.label
             )
@@ -135,6 +138,10 @@ def plot_values(ax: Axes, series: Sequence[Points], xlabel: str) -> Axes:
                 ax.plot(points.x, points.fit, color=colour, lw=1.6)
             if points.beside is not None:
                 ax.plot(points.x, points.beside, color=colour, lw=1.4, ls=BROKEN)
+        bars = any(np.isfinite(p.half).any() for p in series)
+        if bars:
+            text = "95 % of the mean" if max(p.samples for p in series) > 2 else "range of two samples"
+            ax.errorbar([], [], yerr=[], fmt="none", capsize=3, ecolor=GREY, label=text)
         if any(p.fit is not None for p in series):
             ax.plot([], [], color=INK, lw=1.6, label="fitted")
         if any(p.beside is not None for p in series):

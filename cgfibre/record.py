@@ -116,14 +116,20 @@ class Frames:
     """Filament positions over time.
 
     ``positions`` (n_frames, n_beads, 3) um, unwrapped, in the axes of the scene (x along, y across, z compaction);
-    ``step`` (n_frames,); ``displacement_um`` (n_frames,) of the platen. ``box`` (n_frames, 3, 2) um, bounds of a cell
-    that is strained or pulled in its plane; None: as built.
+    ``step`` (n_frames,); ``displacement_um`` (n_frames,) of the platen; ``factor`` (n_frames,): how many times stiffer
+    than at first contacts had become (not given: 1). ``box`` (n_frames, 3, 2) um, bounds of a cell that is strained or
+    pulled in its plane; None: as built.
     """
 
     step: IntArray
     displacement_um: FloatArray
     positions: FloatArray
+    factor: FloatArray = field(default_factory=lambda: np.empty(0))
     box: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.factor) == 0:
+            object.__setattr__(self, "factor", np.ones(len(self.step)))
 
     def __len__(self) -> int:
         return len(self.step)

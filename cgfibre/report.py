@@ -27,6 +27,7 @@ from cgfibre.measure.ensemble import mean_of
 from cgfibre.pictures import PICTURES
 from cgfibre.plan.make import other_levels
 from cgfibre.plan.model import Plan
+from cgfibre.plan.promise import NOTHING
 from cgfibre.scene import Scene
 from cgfibre.stability import CSV_NAME, Finding
 from cgfibre.study.file import LOADS
@@ -37,6 +38,11 @@ from cgfibre.workflow import RunResult
 
 def _seconds(t: float) -> str:
     return f"{t:.0f} s" if t < 100 else f"{t / 60:.0f} min" if t < 6000 else f"{t / 3600:.1f} h"
+
+
+def _within(plan: Plan) -> str:
+    """The promised error; in words from an error of all of the force on."""
+    return "no promise" if plan.promised_error >= NOTHING else f"{plan.promised_error:.1%}"
 
 
 def _promise_against(scene: Scene, plan: Plan) -> str:
@@ -53,7 +59,7 @@ def print_plan(scene: Scene, plan: Plan, brief: bool = False) -> None:
     line = (
         f"{scene.name or 'scene'}: {plan.n_filaments} filaments, level {plan.level}, {plan.n_beads} beads, "
         f"{plan.planned_steps} steps of {plan.timestep:.3g} us, about {_seconds(plan.predicted_seconds)} on one core, "
-        f"force within {plan.promised_error:.1%}"
+        f"{'force within ' if plan.promised_error < NOTHING else ''}{_within(plan)}"
     )
     console.print(line, highlight=False)
     if brief:
@@ -68,7 +74,7 @@ def print_plan(scene: Scene, plan: Plan, brief: bool = False) -> None:
     parts = Table("error", "of the force", "because", title="What is promised", title_justify="left")
     for part in plan.promise:
         parts.add_row(part.what, f"{part.value:.1%}", part.reason)
-    parts.add_row("sum", f"{plan.promised_error:.1%}", _promise_against(scene, plan))
+    parts.add_row("sum", _within(plan), _promise_against(scene, plan))
     console.print(parts)
     others = Table("level", "time", "force within", "", title="What other levels would be", title_justify="left")
     for level, other in other_levels(scene, plan).items():
@@ -79,7 +85,7 @@ def print_plan(scene: Scene, plan: Plan, brief: bool = False) -> None:
             others.add_row(
                 level,
                 _seconds(other.predicted_seconds),
-                f"{other.promised_error:.1%}",
+                _within(other),
                 f"{other.n_beads} beads; most of the error: {worst.what}",
             )
     console.print(others)

@@ -199,7 +199,7 @@ def _guards(scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, fram
         gaps = [[platen_gaps(plan, system, float(d))[side]] for d in frames.displacement_um]
         found.append(
             guards.beads_past_platen(
-                Frames(frames.step, frames.displacement_um, frames.positions[:, pressed], frames.box),
+                Frames(frames.step, frames.displacement_um, frames.positions[:, pressed], box=frames.box),
                 gaps,
                 f"beads past the {('top', 'bottom')[side]} platen",
             )
@@ -253,48 +253,36 @@ def _motion_guard(plan: Plan, curve: Curve, balance: Balance | None) -> Guard:
 
 
 def _stop_guards(plan: Plan, curve: Curve) -> list[Guard]:
-    """Whether earlier stops by force or pressure were met before the loading came to the deepest place planned."""
+    """Whether stops by force or pressure were met before the loading came to the deepest place planned.
+
+    Of loadings that ended: something followed, or the last one came to its deepest place.
+    """
     found = []
-    for k, target in enumerate(plan.motion.cycles, start=1):
-        own = curve.of(k)
+    targets = plan.motion.targets
+    for k, target in enumerate(targets, start=1):
+        own, last = curve.of(k), k == len(targets)
+        ended = bool(np.any(own.phase > 0)) or (last and _place(own) >= target.displacement)
         stops = (
             ("force", target.force * 1e-9, "force_top_N", "N"),
             ("pressure", target.pressure * 1e-3, "pressure_MPa", "MPa"),
         )
         for what, limit, column, unit in stops:
-            if math.isinf(limit) or not own.unloading.any():
+            if math.isinf(limit) or not (ended or np.any(own[column] >= limit)):
                 continue
             peak = float(np.max(own[column], initial=0.0))
-            name = f"stop of cycle {k}"
+            name = "stop met" if last else f"stop of cycle {k}"
             message = (
                 f"{name}: its {what} came to {peak:.3g} of {limit:.3g} {unit} at the deepest place planned, "
                 f"{target.displacement:.4g} um: filaments gave way; ask for less"
             )
             found.append(Guard(name, peak >= limit * (1 - 1e-9), peak, limit, message))
-    if plan.woven is not None:
-        found += _planned_depth_guard(plan, curve)
     return found
 
 
-def _planned_depth_guard(plan: Plan, curve: Curve) -> list[Guard]:
-    """Whether a weave met its load before the deepest place planned for it, which rests on an estimate."""
-    target = plan.motion.targets[-1]
-    limit, own = target.pressure * 1e-3, curve.of(curve.cycles)
-    unit, column, what = "MPa", "pressure_MPa", "pressure"
-    if math.isinf(limit):
-        limit, unit, column, what = target.force * 1e-9, "N", "force_top_N", "force"
-    if math.isinf(limit) or curve.cycles < len(plan.motion.targets) or len(own) < 3:
-        return []
-    deepest = int(np.argmax(own["displacement_um"]))
-    sample = float(own["displacement_um"][deepest] - own["displacement_um"][deepest - 1])
-    if own["displacement_um"][deepest] + sample < target.displacement:
-        return []  # stopped by its load, or cut short
-    peak = float(np.max(own[column]))
-    message = (
-        f"stop: its {what} came to {peak:.3g} of {limit:.3g} {unit} at the deepest place planned, "
-        f"{target.displacement:.4g} um, by an estimate; ask for that displacement or more"
-    )
-    return [Guard("stop", peak >= limit * (1 - 1e-9), peak, limit, message)]
+def _place(curve: Curve) -> float:
+    """Displacement that a loading came to, um, to a row: rows are means over their windows."""
+    d = curve["displacement_um"][curve.loading]
+    return 2 * float(d[-1]) - float(d[-2]) if len(d) > 1 else 0.0
 
 
 def _slide_guard(plan: Plan, system: FilamentSystem, frames: Frames) -> Guard:
@@ -406,7 +394,7 @@ def frame_statistics(
     rows: list[dict[str, Any]] = []
     reference = None
     first_area = 0.0
-    for positions in frames.positions:
+    for positions, factor in zip(frames.positions, frames.factor.tolist(), strict=True):
         if not np.all(np.isfinite(positions)):
             break
         centres = distribution.section_at(system, positions, x)
@@ -440,7 +428,7 @@ def frame_statistics(
                 "void_radius_largest": float(np.max(room.radius, initial=0.0)),
                 "hydraulic_radius": room.hydraulic_radius,
             }
-        row |= _contact_row(plan, system, positions)
+        row |= _contact_row(plan, system, positions, factor)
         rows.append(row)
     units = {
         "width": "um",
@@ -469,13 +457,17 @@ def contact_length(plan: Plan, system: FilamentSystem) -> FloatArray:
     return np.where(role == 0, plan.spacing, 0.0)
 
 
-def contacts_under_platen(plan: Plan, system: FilamentSystem, positions: FloatArray) -> Contacts:
-    """Contacts between filaments under the top platen; their forces by the line contact (none for the law hertz)."""
+def contacts_under_platen(plan: Plan, system: FilamentSystem, positions: FloatArray, factor: float = 1.0) -> Contacts:
+    """Contacts between filaments under the top platen; their forces by the line contact (none for the law hertz).
+
+    ``factor``: how many times stiffer than at first a section's softened contacts had become (Frames.factor).
+    """
     if plan.contact.per_length:
         touching = every_bead(system, plan.beads.role) != FREE
         contacts = segment_contacts(system, positions, line_law(plan, system), touching)
     else:
-        stiffness = plan.contact.line_stiffness / plan.contact.softening if plan.contact.law == "hooke" else 0.0
+        now = factor * plan.contact.line_stiffness / plan.contact.softening
+        stiffness = now if plan.contact.law == "hooke" else 0.0
         contacts = filament_contacts(system, positions, stiffness, contact_length(plan, system))
     return contacts if plan.platens.top_span is None else contacts.within(*plan.platens.top_span)
 
@@ -499,8 +491,8 @@ def hertz_modulus(plan: Plan) -> float | None:
     return plan.contact.modulus if plan.contact.law == "line" else None
 
 
-def _contact_row(plan: Plan, system: FilamentSystem, positions: FloatArray) -> dict[str, Any]:
-    contacts = contacts_under_platen(plan, system, positions)
+def _contact_row(plan: Plan, system: FilamentSystem, positions: FloatArray, factor: float) -> dict[str, Any]:
+    contacts = contacts_under_platen(plan, system, positions, factor)
     row: dict[str, Any] = {"contact_count": len(contacts)}
     if plan.contact.law != "hertz":
         row |= {

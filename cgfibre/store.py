@@ -138,6 +138,9 @@ def _write_trajectory(f: h5py.File, results: Results) -> None:
     displacement = f.create_group("observables/platen_displacement")
     displacement["step"], displacement["time"] = position["step"], position["time"]
     _stamp(_put(displacement, "value", frames.displacement_um, "um"))
+    factor = f.create_group("observables/contact_factor")
+    factor["step"], factor["time"] = position["step"], position["time"]
+    _stamp(_put(factor, "value", frames.factor, "1"))
     _put(f.create_group("connectivity"), "bonds", system.bonds(), "1")
 
 
@@ -203,6 +206,8 @@ def _read(f: h5py.File) -> Results:
             step,
             f["observables/platen_displacement/value"][()],
             position["value"][()] / NM_PER_UM,
+            # an earlier version had none
+            f["observables/contact_factor/value"][()] if "contact_factor" in f["observables"] else np.ones(len(step)),
             box["bounds"][()] if "bounds" in box else None,
         ),
         timestep=float(time[moving][0] / step[moving][0]) if moving.any() else 0.0,

@@ -7,12 +7,13 @@ import shutil
 import numpy as np
 import pytest
 
-from cgfibre import plot, store, workflow
+from cgfibre import plot, review, store, workflow
 from cgfibre.engine.dump import read_record, read_states
 from cgfibre.engine.lammps import find_engine, run_deck
 from cgfibre.errors import EngineError, InputError
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.model import film_time
+from cgfibre.record import Curve
 from cgfibre.scene import load_scene, scene_from_dict
 
 TWICE = 'platens.cycles=[{displacement="2 um"}, {line_force="0.1 N/mm"}]'
@@ -69,6 +70,7 @@ def test_each_leg_ends_at_its_own_stop_and_begins_where_contact_was_lost(bench):
         # the next loading begins there, at the speed of a first touch
         window = place[again][0] - place[back][-1]
         assert 0 < window < 1.0 * run.curve["time_us"][1] * 1.001
+    assert {g["name"]: g["ok"] for g in run.summary["guards"]}["stop met"]
     assert np.all(np.diff(curve["time_us"]) > 0)
     assert curve.cycle.tolist() == [1, *leg.astype(int).tolist()]
 
@@ -118,8 +120,9 @@ def test_an_elastic_cycle_closes(bench, level):
         assert found["set_um"] < 0.02
 
 
-@pytest.mark.parametrize(("mu", "least", "most"), [(0.0, -0.002, 0.01), (0.3, 0.15, 0.3)])
+@pytest.mark.parametrize(("mu", "least", "most"), [(0.0, -0.002, 0.01), (0.3, 0.32, 0.38)])
 def test_seven_discs_lose_energy_in_every_cycle_by_friction_alone(bench, mu, least, most):
+    """0.346 at either speed, 0.356 with real contacts; contacts ten times as soft lose 0.201, for they stick longer."""
     friction = (f"contact.friction={mu}", f"platens.friction={mu}", "platens.speed=0.1 m/s", "platens.unload=true")
     run = bench.run("run", "model.level=section", 'platens.cycles=[{displacement="4 um"}]', *friction)
     (first, a), (second, b) = loop(run, 1), loop(run, 2)
@@ -224,9 +227,24 @@ def test_a_cycle_that_does_not_come_to_its_force_is_said(bench):
     assert run.curve.cycles == 3
 
 
+def test_a_last_loading_that_does_not_come_to_its_force_is_said(bench):
+    """Seven discs pressed to one layer meet no 1000 N/mm; a run that was cut short before is not judged."""
+    run = bench.run("run", "model.level=section", "platens.stop.line_force=1000 N/mm", "output.samples=60")
+    guard = next(g for g in run.summary["guards"] if g["name"] == "stop met")
+    assert not guard["ok"] and not run.trusted and "filaments gave way" in guard["message"]
+    scene, plan = workflow.plan_scene(run.out / "scene.toml")
+    system = store.read_results(run.out / "results.h5").system
+    frames = store.read_results(run.out / "results.h5").frames
+    half = run.curve.columns, run.curve.phase, run.curve.width_um
+    n = len(run.curve) // 2
+    curve = Curve({k: v[:n] for k, v in half[0].items()}, half[1][:n], half[2][:n])
+    cut = review.review_run(scene, plan, system, curve, frames, None)
+    assert all(g.name != "stop met" for g in cut.guards)
+
+
 def test_a_short_first_loading_does_not_condemn_the_run(bench):
     """What is not quasi-static in the first cycle is judged by the first one that gets there."""
-    speed, cycles = "platens.speed=0.3 m/s", 'platens.cycles=[{displacement="0.3 um"}]'
+    speed, cycles = "platens.speed=1 m/s", 'platens.cycles=[{displacement="0.3 um"}]'
     run = bench.run("run", "model.level=section", speed, cycles, "platens.stop.displacement=5 um")
     assert not any("quasi-static" in w for w in run.summary["warnings"])
     assert run.summary["quasi_static_from_um"] > 0.3

@@ -58,7 +58,7 @@ def test_a_strained_cell_is_measured_with_the_box_of_its_frame(pressed):
     system, frames = pressed
     stretch = np.array([1.2, 1.0, 1.0])
     box = np.tile(system.box * stretch[:, None], (3, 1, 1))
-    strained = Frames(frames.step, frames.displacement_um, frames.positions * stretch, box)
+    strained = Frames(frames.step, frames.displacement_um, frames.positions * stretch, box=box)
     found, as_built = statistics_of(system, strained), statistics_of(system, frames)
     assert found["crimp_warp"][0] == pytest.approx([bare_crimp(a, 1.2 * S) for a in (10.0, 9.5, 9.0)], rel=1e-3)
     assert found["crimp_weft"][0] == pytest.approx(as_built["crimp_weft"][0], rel=1e-9)

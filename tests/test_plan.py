@@ -12,6 +12,8 @@ from cgfibre.plan.contact import OVERLAP_LIMIT
 from cgfibre.plan.cost import COSTS, predicted_seconds
 from cgfibre.plan.make import make_plan, other_levels
 from cgfibre.plan.outline import outline
+from cgfibre.plan.promise import NOTHING
+from cgfibre.report import print_plan
 from cgfibre.scene import load_scene
 from cgfibre.workflow import RunOptions, run_scene
 
@@ -190,6 +192,14 @@ def test_the_promise_is_the_sum_of_its_parts_and_follows_the_speed():
 
     assert speed("model.accuracy=0.1") == pytest.approx(2 * speed(), rel=0.02)
     assert speed("platens.speed=2 m/s") > speed("platens.speed=1 m/s") > speed()
+
+
+def test_a_speed_far_too_high_is_promised_nothing(capsys):
+    scene = load_scene("carbon-127-section", ["assembly.length=345 mm", "platens.speed=4 m/s"])
+    plan = make_plan(scene)
+    assert next(p for p in plan.promise if p.what == "platen speed").value == NOTHING
+    print_plan(scene, plan, brief=True)
+    assert "no promise" in capsys.readouterr().out.replace("\n", " ")
 
 
 def test_time_goes_with_steps_and_beads():

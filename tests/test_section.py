@@ -40,7 +40,9 @@ def pressed(folder, s, ranks=1, change=lambda plan: plan):
     return plan, system, *read_run(folder, system, plan)
 
 
-@pytest.mark.parametrize(("level", "spacing"), [("section", 0.0), ("chain, capsules", 4.0)])
+@pytest.mark.parametrize(
+    ("level", "spacing"), [("section", 0.0), pytest.param("chain, capsules", 4.0, marks=pytest.mark.validate)]
+)
 def test_deep_deflection_is_the_elastica(tmp_path, level, spacing):
     # 0.44 of the free span, where linear springs are 30 % soft; inertia and the dent at the edges take the rest
     for measured in pressed_deep(tmp_path, level, spacing, 45.0):
@@ -83,6 +85,23 @@ def test_contacts_become_real_in_the_jam(tmp_path):
     for name in ("force balance", "energy balance", "overlap of filaments", "lost beads", "motion as planned"):
         assert found[name].ok, found[name].message
     assert np.isfinite(found["force balance"].value)
+
+
+def test_frames_have_the_forces_of_stiffened_contacts(tmp_path):
+    """At rest in the jam: their energy is the one that the engine counted in its contacts."""
+    data = scene(count=19, length="345 mm", stop="27 um").model_dump(exclude_none=True)
+    data["platens"]["hold"] = "2000 us"
+    s = scene_from_dict(data)
+    plan, system, _, frames, extremes = pressed(tmp_path, s)
+    factor, positions = float(frames.factor[-1]), frames.positions[-1]
+    assert factor > 5 and factor == pytest.approx(extremes.balance.factor[-1])
+    between = review.contacts_under_platen(plan, system, positions, factor)
+    energy = 0.5 * np.sum(between.force * between.overlap)
+    for gap in review.platen_gaps(plan, system, float(frames.displacement_um[-1])):
+        energy += 0.5 * factor * plan.platens.kn * np.sum(np.maximum(3.5 - gap(positions), 0) ** 2)
+    assert energy * 1e-15 == pytest.approx(extremes.balance.contact[-1], rel=1e-4)
+    statistics = review.frame_statistics(s, plan, system, frames)
+    assert statistics["contact_force_mean"][0][-1] == pytest.approx(np.mean(between.force))
 
 
 def test_a_resumed_jam_repeats_the_unbroken_one(tmp_path):

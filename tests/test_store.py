@@ -28,7 +28,7 @@ def results(system=None, n_frames=4, n_samples=6):
         rng.uniform(20, 30, n_samples),
     )
     curve.columns["step"] = np.arange(n_samples) * 10.0
-    frames = Frames(steps, rng.uniform(0, 9, n_frames), rng.normal(0, 300, (n_frames, system.n_beads, 3)))
+    frames = Frames(steps, rng.uniform(0, 9, n_frames), rng.normal(0, 300, (n_frames, system.n_beads, 3)), 1.0 + steps)
     return store.Results(
         system=system,
         curve=curve,
@@ -51,6 +51,7 @@ def assert_same(a, b):
     assert np.array_equal(a.curve.phase, b.curve.phase) and np.array_equal(a.curve.width_um, b.curve.width_um)
     assert np.array_equal(a.frames.step, b.frames.step)
     assert np.array_equal(a.frames.displacement_um, b.frames.displacement_um)
+    assert np.array_equal(a.frames.factor, b.frames.factor)
     assert a.frames.positions == pytest.approx(b.frames.positions, rel=1e-15, abs=0)  # through nm and back
     assert a.timestep == pytest.approx(b.timestep, rel=1e-14)
     assert a.distribution.keys() == b.distribution.keys()

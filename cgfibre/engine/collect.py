@@ -105,8 +105,9 @@ def displacement_at(plan: Plan, step: np.ndarray) -> FloatArray:
 def frames_of(folder: Path, system: FilamentSystem, plan: Plan, raw: RawRecord) -> Frames:
     """Frames of a deck's folder, of equal steps the last, in rising order; a frame cut short at the end is dropped.
 
-    Frames lie on the record's steps, where it has the displacement. A woven cell that is strained or pulled in its
-    plane comes with its box.
+    Frames lie on the record's steps, where it has the displacement; the factor of stiffened contacts is recorded as
+    means over the windows, so it is read between their middles. A woven cell that is strained or pulled in its plane
+    comes with its box.
     """
     found: dict[int, FloatArray] = {}
     for step, positions in iterate_frames(folder / "trajectory.lammpstrj", moved_beads(system, plan)):
@@ -116,15 +117,18 @@ def frames_of(folder: Path, system: FilamentSystem, plan: Plan, raw: RawRecord) 
         found[step] = whole_of(positions, system, plan)
     steps = np.array(sorted(found), dtype=np.int64)
     stacked = np.stack([found[s] for s in steps.tolist()]) if found else np.empty((0, system.n_beads, 3))
-    displacement = np.interp(
-        steps, _with_start(0.0, raw.step.astype(float)), _with_start(0.0, raw.state["displacement"])
-    )
+    at = raw.step.astype(float)
+    displacement = np.interp(steps, _with_start(0.0, at), _with_start(0.0, raw.state["displacement"]))
+    factor = np.ones(len(steps))
+    if raw.balance:
+        middle = at - 0.5 * plan.sampling.sample
+        factor = np.interp(steps, _with_start(0.0, middle), _with_start(1.0, raw.balance["factor"]))
     box = None
     if found and plan.woven is not None and plan.woven.moved and plan.woven.shear == 0:
         boxes = frame_boxes(folder / "trajectory.lammpstrj")
         box = np.repeat(system.box[None], len(steps), axis=0)
         box[:, :2] = [boxes[s][:2] for s in steps.tolist()]
-    return Frames(steps, displacement, stacked, box)
+    return Frames(steps, displacement, stacked, factor, box)
 
 
 def read_run(folder: Path, system: FilamentSystem, plan: Plan) -> tuple[Curve, Frames, Extremes]:

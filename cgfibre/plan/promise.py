@@ -17,6 +17,8 @@ SPEED_ERROR = 0.5
 PILE_ERROR = 0.25
 #: without a bound (long far fields, loose discs): the error at the planned speed, as measured on carbon-37-full-length
 UNBOUNDED = 0.1
+#: an error of all of the force: what is faster is promised nothing
+NOTHING = 1.0
 #: where filaments rearrange, the displacement at which they do so differs from run to run; mean over the curve
 REARRANGEMENT = 0.03
 #: beads a diameter apart against half of that: forces of carbon-37 differ by no more (measured)
@@ -37,6 +39,8 @@ def promise(
     if math.isfinite(motion.pace):
         speed = (PILE_ERROR if level == "section" else SPEED_ERROR) * motion.eps * max(motion.pace, motion.pace**2)
         reason = f"the platen is {motion.pace:.3g} times as fast as the accuracy allows"
+        if speed >= NOTHING:
+            speed, reason = NOTHING, f"{reason}: inertia is most of the force"
     else:
         speed, reason = UNBOUNDED, "no bound of the speed applies"
     parts = [ErrorPart("platen speed", speed, reason)]

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from cgfibre import plot_study, store
+from cgfibre.build.system import FloatArray
 from cgfibre.errors import EngineError, InputError
 from cgfibre.measure.ensemble import Difference, Ensemble, mean_of
 from cgfibre.measure.friction_power import FrictionFit
@@ -317,10 +318,14 @@ def _lines(found: Found) -> list[plot_study.Line]:
                 continue
             x = e.x if by_load else e.x / unit
             of = unit if by_load else 1.0
-            # of two samples Student's interval is nine times their range: it would hide the curves
-            band = e.ci if e.n > 2 else e.sd / np.sqrt(2)
-            lines.append(plot_study.Line(case.label, branch, x, e.mean / of, band / of, e.n))
+            lines.append(plot_study.Line(case.label, branch, x, e.mean / of, _band(e.n, e.ci, e.sd) / of, e.n))
     return lines
+
+
+def _band(n: int, ci: FloatArray, sd: FloatArray) -> FloatArray:
+    """Half of what is drawn about a mean: of two samples their range, for Student's interval is nine times that and
+    would hide the curves."""
+    return ci if n > 2 else sd / np.sqrt(2)
 
 
 def _values(found: Found) -> tuple[list[plot_study.Points], str, str] | None:
@@ -336,13 +341,18 @@ def _values(found: Found) -> tuple[list[plot_study.Points], str, str] | None:
     for load in study.compare.values:
         name = f"thickness_um_at_{load:.4g}_{unit.replace('/', '_per_')}"
         found_here = [mean_of(reached(c.metrics[name].values)) if name in c.metrics else (np.nan,) * 3 for c in full]
-        mean, ci, _ = (np.array(column) for column in zip(*found_here, strict=True))
+        mean, ci, sd = (np.array(column) for column in zip(*found_here, strict=True))
+        samples = max(len(c.specimens) for c in full)
 
         def line(law: FrictionPower | None, load: float = load) -> np.ndarray | None:
             return None if law is None else 1e3 * law.thickness(load, np.array(x))
 
         fitted = line(found.fit.law) if found.fit else None
-        series.append(plot_study.Points(f"{load:.3g} {unit}", np.array(x), mean, ci, fitted, line(beside)))
+        series.append(
+            plot_study.Points(
+                f"{load:.3g} {unit}", np.array(x), mean, _band(samples, ci, sd), samples, fitted, line(beside)
+            )
+        )
     return series, label, study.title or study.name
 
 
