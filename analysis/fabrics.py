@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from cgfibre import plot_fabric, plot_weave, store
+from cgfibre.build.system import FilamentSystem
 from cgfibre.measure.fabric import fabric_of
 from cgfibre.measure.fabric_section import cut_fabric
 from cgfibre.plot import new_figure
@@ -48,12 +49,13 @@ def results_of(scene: str | Path, folder: Path) -> store.Results:
     return store.read_results(folder / "results.h5")
 
 
-def states(results: store.Results) -> dict[str, np.ndarray]:
-    """Positions as built and at the largest displacement, by title."""
+def states(results: store.Results) -> dict[str, FilamentSystem]:
+    """The fabric as built and at the largest displacement, by title."""
     frames, curve = results.frames, results.curve
     deepest = int(np.argmax(frames.displacement_um))
     pressure = float(np.interp(frames.step[deepest], curve["step"], curve["pressure_MPa"]))
-    return {"as built": frames.positions[0], f"at {pressure:.2g} MPa": frames.positions[deepest]}
+    titles = {"as built": 0, f"at {pressure:.2g} MPa": deepest}
+    return {title: frames.system_at(results.system, k) for title, k in titles.items()}
 
 
 def views(results: store.Results) -> list[plot_fabric.CutView]:
@@ -115,8 +117,8 @@ def main() -> None:
     ax = new_figure(5.4, 3.8).add_subplot()
     plot_fabric.plot_balance(ax, balance(nylon))
     figures = {
-        "weave": plot_weave.figure_weave(glass.system, states(glass)),
-        "filaments": plot_weave.figure_weave(yarns.system, states(yarns)),
+        "weave": plot_weave.figure_weave(states(glass)),
+        "filaments": plot_weave.figure_weave(states(yarns)),
         "sections": plot_fabric.figure_cuts(views(yarns)),
         "crimp": plot_fabric.figure_crimp(history(yarns)),
         "crossings": ax.figure,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -41,9 +42,9 @@ def draw_fabric(
     peak = max(shown, key=lambda s: frames.displacement_um[s[0]])
     chosen = [shown[0], peak] if peak != shown[0] else [shown[0]]
     made = []
-    states = {title: frames.positions[k] for k, title in chosen}
+    states = {title: frames.system_at(system, k) for k, title in chosen}
     figures = {
-        "weave.png": plot_weave.figure_weave(system, states),
+        "weave.png": plot_weave.figure_weave(states),
         "sections.png": _sections(plan, fabric, frames, chosen),
     }
     if len(next(iter(statistics.values()), ((), ""))[0]) == len(frames):
@@ -61,12 +62,13 @@ def _faces(plan: Plan, fabric: Fabric, frames: Frames, k: int) -> tuple[float, f
 
 
 def _sections(plan: Plan, fabric: Fabric, frames: Frames, shown: Sequence[tuple[int, str]]) -> plot_fabric.Figure:
-    through, between = planes_of(fabric, frames.positions[0])
     views = []
-    for place, where in ((through, "through a weft tow"), (between, "half-way to the next weft tow")):
+    for side, where in enumerate(("through a weft tow", "half-way to the next weft tow")):
         for k, title in shown:
+            now = replace(fabric, system=frames.system_at(fabric.system, k))
+            place = planes_of(now, frames.positions[0 if frames.box is None else k])[side]
             bottom, top = _faces(plan, fabric, frames, k)
-            cut = cut_fabric(fabric, frames.positions[k], 0, place)
+            cut = cut_fabric(now, frames.positions[k], 0, place)
             views.append(plot_fabric.CutView(cut, fabric.axis, bottom, top, f"{where}, {title}"))
     return plot_fabric.figure_cuts(views)
 
@@ -101,7 +103,8 @@ def _crimp(curve: Curve, frames: Frames, statistics: Statistics) -> plot_fabric.
 def _crossings(
     plan: Plan, fabric: Fabric, curve: Curve, frames: Frames, statistics: Statistics, peak: int
 ) -> plot_fabric.Figure:
-    system, positions = fabric.system, frames.positions[peak]
+    system, positions = frames.system_at(fabric.system, peak), frames.positions[peak]
+    fabric = replace(fabric, system=system)
     lines = tow_lines(fabric, positions)
     touch = touches(fabric, positions, line_law(plan, system), hertz_modulus(plan))
     loads = crossing_loads(fabric, tow_crossings(fabric, lines), touch)

@@ -123,12 +123,12 @@ def draw_tows(
     return ax
 
 
-def repeated(system: FilamentSystem, positions: FloatArray, least: int = 4) -> FilamentSystem:
+def repeated(system: FilamentSystem, least: int = 4) -> FilamentSystem:
     """So many periodic cells beside each other, as open chains, that ``least`` tows stand in either direction.
 
-    A fabric that does not repeat comes back at ``positions``. Raises :class:`InputError` as :func:`lines_of`.
+    Raises :class:`InputError` as :func:`lines_of`.
     """
-    lines = lines_of(system, positions)
+    lines = lines_of(system, system.positions)
     size = system.box[:, 1] - system.box[:, 0]
     warp = along_x(system)
     counts = [1, 1]
@@ -152,15 +152,15 @@ def repeated(system: FilamentSystem, positions: FloatArray, least: int = 4) -> F
     )
 
 
-def figure_weave(system: FilamentSystem, states: Mapping[str, FloatArray], view: TowView | None = None) -> Figure:
-    """The fabric in 3D, one picture a state, beside each other on the same scale; ``states`` title -> positions.
+def figure_weave(states: Mapping[str, FilamentSystem], view: TowView | None = None) -> Figure:
+    """The fabric in 3D, one picture a state, beside each other on the same scale; ``states`` title -> fabric.
 
     A periodic cell is shown several times (:func:`repeated`).
     """
     if not states:
         raise InputError("states", 0, "at least one state to draw")
     view = view or TowView()
-    shown = {title: repeated(system, positions) for title, positions in states.items()}
+    shown = {title: repeated(system) for title, system in states.items()}
     fig = new_figure(5.4 * len(shown), 4.3)
     with style():
         axes = fig.subplots(1, len(shown), squeeze=False)[0]

@@ -5,11 +5,11 @@ The column names and units of ``curve.csv`` (interface) are stated here once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cgfibre.build.system import FloatArray, IntArray
+from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
 
 #: columns of curve.csv and of /record, with their units
 CURVE_COLUMNS: dict[str, str] = {
@@ -117,13 +117,15 @@ class Frames:
 
     ``positions`` (n_frames, n_beads, 3) um, unwrapped, in the axes of the scene (x along, y across, z compaction);
     ``step`` (n_frames,); ``displacement_um`` (n_frames,) of the platen; ``factor`` (n_frames,): how many times stiffer
-    than at first contacts had become (not given: 1).
+    than at first contacts had become (not given: 1). ``box`` (n_frames, 3, 2) um, bounds of a cell that is strained or
+    pulled in its plane; None: as built.
     """
 
     step: IntArray
     displacement_um: FloatArray
     positions: FloatArray
     factor: FloatArray = field(default_factory=lambda: np.empty(0))
+    box: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if len(self.factor) == 0:
@@ -131,3 +133,7 @@ class Frames:
 
     def __len__(self) -> int:
         return len(self.step)
+
+    def system_at(self, system: FilamentSystem, k: int) -> FilamentSystem:
+        """``system``, as built, in frame ``k``: with its positions and its box."""
+        return replace(system, positions=self.positions[k], box=system.box if self.box is None else self.box[k])

@@ -190,7 +190,7 @@ def _guards(scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, fram
     if not found[0].ok or not all(g.ok for g in found) or len(frames) == 0:
         return found  # geometry of what is not finite says nothing
     if plan.woven is not None:
-        found.append(passing_guard(system, plan, upright(plan, frames)))
+        found.append(passing_guard(system, plan, upright(plan, system, frames)))
     else:
         found.append(guards.filaments_through_each_other(system, frames, swaps))
     for side, span in enumerate((plan.platens.top_span, plan.platens.bottom_span)):
@@ -199,7 +199,7 @@ def _guards(scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, fram
         gaps = [[platen_gaps(plan, system, float(d))[side]] for d in frames.displacement_um]
         found.append(
             guards.beads_past_platen(
-                Frames(frames.step, frames.displacement_um, frames.positions[:, pressed]),
+                Frames(frames.step, frames.displacement_um, frames.positions[:, pressed], box=frames.box),
                 gaps,
                 f"beads past the {('top', 'bottom')[side]} platen",
             )

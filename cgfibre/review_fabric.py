@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from cgfibre.build.system import FilamentSystem, FloatArray
 from cgfibre.measure.crossing_forces import crossing_loads, touches
 from cgfibre.measure.crossings import Crossings, filament_crossings, through_each_other, tow_crossings
-from cgfibre.measure.fabric import Fabric, TowLine, areal_density, fabric_of, tow_lines
+from cgfibre.measure.fabric import Fabric, TowLine, areal_density, fabric_of, lines_of, tow_lines
 from cgfibre.measure.fabric_section import Room, open_area, room_between, tow_image, tow_sections
 from cgfibre.measure.guards import Guard
 from cgfibre.measure.segments import LineLaw, period_of
@@ -39,11 +40,16 @@ def _units(name: str) -> str:
     return next((unit for start, unit in UNITS.items() if name.startswith(start)), "1")
 
 
-def upright(plan: Plan, frames: Frames) -> Frames:
-    """Frames of a sheared cell with its edges square again: x - y tan(shear), y/cos(shear); others as they are.
+def upright(plan: Plan, system: FilamentSystem, frames: Frames) -> Frames:
+    """Frames of a cell that is moved in its plane, in the cell as built: a strained or pulled one scaled to its size, a
+    sheared one with its edges square again (x - y tan(shear), y/cos(shear)); others as they are.
 
     Which filament lies above which stays, lengths do not.
     """
+    if frames.box is not None:
+        low, size = frames.box[:, None, :, 0], np.ptp(frames.box, axis=2)[:, None]
+        scaled = system.box[:, 0] + (frames.positions - low) / size * np.ptp(system.box, axis=1)
+        return Frames(frames.step, frames.displacement_um, scaled)
     if plan.woven is None or plan.woven.shear == 0:
         return frames
     x, y, z = np.moveaxis(frames.positions, -1, 0)
@@ -66,15 +72,31 @@ def passing_guard(system: FilamentSystem, plan: Plan, frames: Frames) -> Guard:
 
 
 def planes_of(fabric: Fabric, positions: FloatArray) -> tuple[float, float]:
-    """x (um) of the planes in which a fabric is looked at: through a weft tow in its middle, half-way to the next."""
-    weft = sorted(float(line.points[:, 0].mean()) for line in tow_lines(fabric, positions) if line.axis == 1)
+    """x (um) of the planes in which a fabric is looked at: through a weft tow in its middle, half-way to the next.
+
+    Where the middle lies between the chains of a ribbon, the plane goes through the nearest of them.
+    """
+    lines = sorted((float(x.points[:, 0].mean()), x.tow) for x in tow_lines(fabric, positions) if x.axis == 1)
+    weft = [x for x, _ in lines]
     k = (len(weft) - 1) // 2
     period = float(period_of(fabric.system)[0])
     if k + 1 < len(weft):
         following = weft[k + 1]
     else:
         following = weft[0] + period if period > 0 else float(positions[:, 0].max())
-    return weft[k], (weft[k] + following) / 2
+    return _through(fabric, positions, lines[k][1], weft[k]), (weft[k] + following) / 2
+
+
+def _through(fabric: Fabric, positions: FloatArray, tow: int, middle: float) -> float:
+    """``middle``, or x of the filament of the weft ``tow`` nearest to it if none lies there, um."""
+    members = fabric.members[tow]
+    runs = lines_of(fabric.system, positions)
+    off = np.array([float(runs[i][:, 0].mean()) for i in members]) - middle
+    period = float(period_of(fabric.system)[0])
+    off -= period * np.round(off / period) if period > 0 else 0.0
+    nearest = int(np.argmin(np.abs(off)))
+    radius = float(fabric.system.diameter[members[nearest]]) / 2
+    return middle if abs(off[nearest]) < radius else middle + float(off[nearest])
 
 
 def _room(fabric: Fabric, positions: FloatArray, place: float, faces: FloatArray) -> Room:
@@ -105,10 +127,11 @@ def fabric_statistics(
     """
     fabric = fabric_of(system)
     rows: list[dict[str, Any]] = []
-    planes = planes_of(fabric, system.positions)
-    for positions, face in zip(frames.positions, faces, strict=True):
+    for k, (positions, face) in enumerate(zip(frames.positions, faces, strict=True)):
         if not np.all(np.isfinite(positions)):
             break
+        fabric = replace(fabric, system=frames.system_at(system, k))
+        planes = planes_of(fabric, system.positions if frames.box is None else positions)
         lines = tow_lines(fabric, positions)
         crossings = tow_crossings(fabric, lines)
         row = _tow_row(fabric, lines, crossings, face)

@@ -126,9 +126,12 @@ def _write_trajectory(f: h5py.File, results: Results) -> None:
     )
     if np.any(system.periodic):
         edges = box.create_group("edges")
-        size = np.diag((system.box[:, 1] - system.box[:, 0]) * NM_PER_UM)
+        bounds = np.broadcast_to(system.box, (n, 3, 2)) if frames.box is None else frames.box
+        size = (bounds[:, :, 1] - bounds[:, :, 0])[:, :, None] * np.eye(3) * NM_PER_UM
         edges["step"], edges["time"] = position["step"], position["time"]
-        _stamp(_put(edges, "value", np.broadcast_to(size, (n, 3, 3)), "nm"))
+        _stamp(_put(edges, "value", size, "nm"))
+    if frames.box is not None:  # edges alone do not say where the box lies
+        _put(box, "bounds", frames.box, "um")
     _put(particles, "id", np.arange(system.n_beads), "1")
     _put(particles, "species", system.filament_type[system.filament_of_bead], "1")
     # an observable of H5MD is a group; MDAnalysis refuses the file over a bare dataset
@@ -187,7 +190,7 @@ def _text(f: h5py.Group, name: str) -> str:
 
 
 def _read(f: h5py.File) -> Results:
-    record, position = f["record"], f["particles/filaments/position"]
+    record, position, box = f["record"], f["particles/filaments/position"], f["particles/filaments/box"]
     step = position["step"][()]
     time = position["time"][()] / NS_PER_US
     moving = step > 0
@@ -205,6 +208,7 @@ def _read(f: h5py.File) -> Results:
             position["value"][()] / NM_PER_UM,
             # an earlier version had none
             f["observables/contact_factor/value"][()] if "contact_factor" in f["observables"] else np.ones(len(step)),
+            box["bounds"][()] if "bounds" in box else None,
         ),
         timestep=float(time[moving][0] / step[moving][0]) if moving.any() else 0.0,
         distribution=_statistics(f["distribution"]),

@@ -54,29 +54,45 @@ def test_statistics_of_every_frame(pressed):
     assert "crossing_force_nN" not in summary["as_built"]
 
 
+def test_a_strained_cell_is_measured_with_the_box_of_its_frame(pressed):
+    system, frames = pressed
+    stretch = np.array([1.2, 1.0, 1.0])
+    box = np.tile(system.box * stretch[:, None], (3, 1, 1))
+    strained = Frames(frames.step, frames.displacement_um, frames.positions * stretch, box=box)
+    found, as_built = statistics_of(system, strained), statistics_of(system, frames)
+    assert found["crimp_warp"][0] == pytest.approx([bare_crimp(a, 1.2 * S) for a in (10.0, 9.5, 9.0)], rel=1e-3)
+    assert found["crimp_weft"][0] == pytest.approx(as_built["crimp_weft"][0], rel=1e-9)
+    # crossings lie where they were, in the longer cell
+    assert found["crossing_place"][0] == pytest.approx(as_built["crossing_place"][0] * stretch, abs=0.05)
+    assert found["open_area"][0][0] == pytest.approx((1 - 20 / S) * (1 - 20 / (1.2 * S)), rel=0.03)
+
+
 def test_planes_go_through_a_weft_tow_and_between(pressed):
     system, frames = pressed
     assert planes_of(fabric_of(system), frames.positions[0]) == pytest.approx((S / 2, S))
+    # two chains as one weft tow: its middle, S, lies in neither
+    ribbon = replace(system, tow=np.where(fabric_of(system).filament_axis == 1, 2, system.tow))
+    assert planes_of(fabric_of(ribbon), ribbon.positions)[0] in (pytest.approx(S / 2), pytest.approx(3 * S / 2))
     single = plain(1, 0.0)
     assert planes_of(fabric_of(single), single.positions) == pytest.approx((S / 2, S))
 
 
 def test_a_cell_is_drawn_so_often_that_four_tows_stand_each_way(pressed):
     system, frames = pressed
-    cells = plot_weave.repeated(system, frames.positions[0])
+    cells = plot_weave.repeated(frames.system_at(system, 0))
     assert cells.n_filaments == 4 * 4 and not cells.closed.any()
     extent = np.ptp(cells.positions, axis=0)
     assert extent[:2] == pytest.approx([4 * S, 4 * S])
     patch = plain(2, periodic=False)
-    assert plot_weave.repeated(patch, patch.positions).n_filaments == 4
+    assert plot_weave.repeated(patch).n_filaments == 4
     with pytest.raises(InputError, match="at least one"):
-        plot_weave.figure_weave(system, {})
+        plot_weave.figure_weave({})
 
 
 def test_pictures_show_what_they_are_given(pressed, tmp_path):
     system, frames = pressed
     fabric = fabric_of(system)
-    plot_weave.figure_weave(system, {"as built": frames.positions[0]}).savefig(tmp_path / "weave.png", dpi=40)
+    plot_weave.figure_weave({"as built": frames.system_at(system, 0)}).savefig(tmp_path / "weave.png", dpi=40)
     views = [
         plot_fabric.CutView(cut_fabric(fabric, frames.positions[2], 0, x), fabric.axis, -20.0, 18.0, "cut")
         for x in (S / 2, S)

@@ -14,6 +14,7 @@ from cgfibre.errors import EngineError, InputError
 from cgfibre.measure.compaction import thickness_at_pressure
 from cgfibre.plan.make import make_plan
 from cgfibre.scene import load_scene
+from cgfibre.store import read_results
 
 pytestmark = pytest.mark.skipif(find_plugin(find_engine()) is None, reason="weaves need the plugin")
 FAST = {"output.frames": 4, "output.samples": 40, "model.accuracy": 0.1}
@@ -105,7 +106,18 @@ def test_in_the_plane(weave):
     assert np.all(thickness(pulled) < thickness(as_built) - 5)
     strained = weave("strained", {"cell.strain": {"x": 0.01}})
     assert strained.curve["force_top_N"][1] > 10 * as_built.curve["force_top_N"][1]
-    assert sheared.summary["warnings"] == pulled.summary["warnings"] == []
+    assert sheared.summary["warnings"] == pulled.summary["warnings"] == strained.summary["warnings"] == []
+    assert not sheared.summary["fabric"] and "not measured" in sheared.summary["notes"][0]
+    # the weft moves apart with the cell, which its warp follows: crimp (as built 3.5 %) goes, tows stay whole
+    results = read_results(weave.folder / "strained/results.h5")
+    fabric = strained.review.statistics
+    x = np.ptp(results.frames.box[0], axis=1)[0], np.ptp(results.system.box, axis=1)[0]
+    assert x[0] == pytest.approx(1.01 * x[1], rel=1e-6)
+    place = fabric["crossing_place"][0][0]
+    assert np.ptp(place[:, 0]) == pytest.approx(x[0] / 2, rel=1e-3)
+    built = as_built.review.statistics
+    assert 0.006 < built["crimp_warp"][0][0] - fabric["crimp_warp"][0][0] < 0.01
+    assert 1 < 1.01 * fabric["areal_density"][0][0] / built["areal_density"][0][0] < 1.003
 
 
 def test_a_textile_of_texgen_is_pressed_as_the_same_weave_of_ours(weave):

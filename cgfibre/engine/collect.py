@@ -10,7 +10,7 @@ import numpy as np
 
 from cgfibre.build.system import FilamentSystem, FloatArray
 from cgfibre.engine.assemble import platen_heights
-from cgfibre.engine.dump import RawRecord, iterate_frames, read_record
+from cgfibre.engine.dump import RawRecord, frame_boxes, iterate_frames, read_record
 from cgfibre.engine.mirror import moved_beads, whole_of
 from cgfibre.plan.model import Plan
 from cgfibre.record import Balance, Curve, Frames, phases
@@ -106,7 +106,8 @@ def frames_of(folder: Path, system: FilamentSystem, plan: Plan, raw: RawRecord) 
     """Frames of a deck's folder, of equal steps the last, in rising order; a frame cut short at the end is dropped.
 
     Frames lie on the record's steps, where it has the displacement; the factor of stiffened contacts is recorded as
-    means over the windows, so it is read between their middles.
+    means over the windows, so it is read between their middles. A woven cell that is strained or pulled in its plane
+    comes with its box.
     """
     found: dict[int, FloatArray] = {}
     for step, positions in iterate_frames(folder / "trajectory.lammpstrj", moved_beads(system, plan)):
@@ -122,7 +123,12 @@ def frames_of(folder: Path, system: FilamentSystem, plan: Plan, raw: RawRecord) 
     if raw.balance:
         middle = at - 0.5 * plan.sampling.sample
         factor = np.interp(steps, _with_start(0.0, middle), _with_start(1.0, raw.balance["factor"]))
-    return Frames(steps, displacement, stacked, factor)
+    box = None
+    if found and plan.woven is not None and plan.woven.moved and plan.woven.shear == 0:
+        boxes = frame_boxes(folder / "trajectory.lammpstrj")
+        box = np.repeat(system.box[None], len(steps), axis=0)
+        box[:, :2] = [boxes[s][:2] for s in steps.tolist()]
+    return Frames(steps, displacement, stacked, factor, box)
 
 
 def read_run(folder: Path, system: FilamentSystem, plan: Plan) -> tuple[Curve, Frames, Extremes]:

@@ -147,22 +147,38 @@ def mend_tables(folder: Path) -> None:
             os.truncate(path, whole)
 
 
-def iterate_frames(path: Path, n_beads: int) -> Iterator[tuple[int, FloatArray]]:
-    """(step, positions (n_beads, 3) by bead id) of every whole frame in a text dump ``id mol type xu yu zu radius``.
-
-    Beads beyond ``n_beads`` (a rod's grips come last) are dropped. A frame that a kill cut short is left out, also when
-    a resumed run wrote on behind it.
-    """
+def _blocks(path: Path) -> Iterator[bytes]:
+    """Texts of the frames of a dump, whole or not."""
     if not path.exists() or path.stat().st_size == 0:
         return
     with path.open("rb") as f, mmap.mmap(f.fileno(), 0, access=mmap.ACCESS_READ) as data:
         start = data.find(FRAME)
         while start >= 0:
             end = data.find(FRAME, start + 1)
-            found = _frame(data[start : end if end >= 0 else len(data)], n_beads)
+            yield data[start : end if end >= 0 else len(data)]
             start = end
-            if found is not None:
-                yield found
+
+
+def iterate_frames(path: Path, n_beads: int) -> Iterator[tuple[int, FloatArray]]:
+    """(step, positions (n_beads, 3) by bead id) of every whole frame in a text dump ``id mol type xu yu zu radius``.
+
+    Beads beyond ``n_beads`` (a rod's grips come last) are dropped. A frame that a kill cut short is left out, also when
+    a resumed run wrote on behind it.
+    """
+    for block in _blocks(path):
+        found = _frame(block, n_beads)
+        if found is not None:
+            yield found
+
+
+def frame_boxes(path: Path) -> dict[int, FloatArray]:
+    """(3, 2) bounds of the box in um at every step of a dump whose box is orthogonal; of equal steps the last."""
+    found = {}
+    for block in _blocks(path):
+        head = block.split(b"\n", 8)
+        if len(head) == 9:
+            found[int(head[1])] = np.array([row.split()[:2] for row in head[5:8]], dtype=float)
+    return found
 
 
 def _frame(block: bytes, n_beads: int) -> tuple[int, FloatArray] | None:

@@ -272,9 +272,9 @@ def stretch(system: FilamentSystem, frames: Frames, softening: float, limit: flo
         return _not_applicable(name, limit, "filaments have their real axial stiffness")
     bonds = system.bonds()
     built = system.bond_lengths()
-    size = system.box[:, 1] - system.box[:, 0]
     worst = 0.0
-    for positions in frames.positions:
+    for k, positions in enumerate(frames.positions):
+        size = np.ptp(system.box if frames.box is None else frames.box[k], axis=1)
         u = positions[bonds[:, 1]] - positions[bonds[:, 0]]
         for axis in np.flatnonzero(system.periodic):
             u[:, axis] -= size[axis] * np.round(u[:, axis] / size[axis])
@@ -293,9 +293,9 @@ def largest_bend(system: FilamentSystem, frames: Frames, limit: float = 0.5) -> 
     angles = system.angles()
     if not len(angles):
         return _not_applicable(name, limit, "there are no angles")
-    size = system.box[:, 1] - system.box[:, 0]
     worst = 0.0
-    for positions in frames.positions:
+    for frame, positions in enumerate(frames.positions):
+        size = np.ptp(system.box if frames.box is None else frames.box[frame], axis=1)
         u, v = (positions[angles[:, k + 1]] - positions[angles[:, k]] for k in (0, 1))
         for axis in np.flatnonzero(system.periodic):
             for w in (u, v):
