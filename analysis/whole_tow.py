@@ -1,13 +1,8 @@
 """docs/figures/carbon-12k-3d*: a tow of 11 719 filaments pressed by a fifth of its height, filament by filament in 3D,
 beside the same tow as a section of discs and as sub-bundles.
 
-<<<<<<< HEAD
 Runs that are in the folder already are taken as they are (finished or not); the one in 3D takes an
 hour and a half on two cores.
-=======
-Runs that are in the folder already are taken as they are (finished or not); the one in 3D takes an hour and a half
-on two cores.
->>>>>>> weave2
 
 python analysis/whole_tow.py [--out DIR] [--ranks N]
 """
