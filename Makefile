@@ -21,8 +21,9 @@ BIN := .venv/bin
 demo: .venv/.plugin
 	$(BIN)/cgfibre run carbon-37 --out results/carbon-37 --force
 
+# files of tests on two cores side by side
 test: .venv/.dev
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile
 
 validate: .venv/.dev
 	$(BIN)/python -m pytest -q -m validate
