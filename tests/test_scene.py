@@ -6,6 +6,7 @@ import pytest
 import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scene_tables import ABSENT, with_changes
 
 from cgfibre import scene as module
 from cgfibre.errors import InputError
@@ -36,7 +37,6 @@ SHIPPED = [
 ]
 #: see test_weave_scene.py
 WEAVES = ["carbon-satin", "carbon-weave", "glass-twill", "glass-weave", "nylon-weave", "nylon-weave-filaments"]
-ABSENT = object()
 CENTRES = "y_um,z_um\n0.1,0.2\n7.5,0.0\n-3.0,7.25\n"
 FILE = {"assembly.arrangement": "file", "assembly.centres": CENTRES, "assembly.count": ABSENT,
         "platens.stop": {"displacement": "5 um"}}  # fmt: skip
@@ -44,17 +44,7 @@ FILE = {"assembly.arrangement": "file", "assembly.centres": CENTRES, "assembly.c
 
 def changed(changes):
     """BASE with dotted keys set, or taken out."""
-    data = copy.deepcopy(BASE)
-    for key, value in changes.items():
-        *parents, last = key.split(".")
-        table = data
-        for parent in parents:
-            table = table.setdefault(parent, {})
-        if value is ABSENT:
-            table.pop(last, None)
-        else:
-            table[last] = value
-    return data
+    return with_changes(BASE, changes)
 
 
 # --- what comes out --------------------------------------------------------------------------------------------------

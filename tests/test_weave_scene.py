@@ -1,8 +1,8 @@
-import copy
 import tomllib
 
 import numpy as np
 import pytest
+from scene_tables import ABSENT, with_changes
 
 from cgfibre.build import weave
 from cgfibre.errors import InputError
@@ -19,22 +19,11 @@ WEAVE = {
     },
     "platens": {"stop": {"pressure": "0.2 MPa"}},
 }
-ABSENT = object()
 SHIPPED = ("nylon-weave", "nylon-weave-filaments", "carbon-weave", "glass-weave", "glass-twill", "carbon-satin")
 
 
 def changed(changes):
-    data = copy.deepcopy(WEAVE)
-    for key, value in changes.items():
-        *parents, last = key.split(".")
-        table = data
-        for parent in parents:
-            table = table.setdefault(parent, {})
-        if value is ABSENT:
-            table.pop(last, None)
-        else:
-            table[last] = value
-    return data
+    return with_changes(WEAVE, changes)
 
 
 def test_a_short_weave_is_filled_and_written_back():

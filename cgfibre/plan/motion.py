@@ -281,8 +281,8 @@ def plan_motion(
     )
     motion, sampling = in_steps(scene, motion, timestep)
     if bodies.bends:
-        pace = _pace((motion.first, motion.last, growth), allowed, d, displacement)
-        motion = replace(motion, pace=pace)
+        over = np.linspace(min(REFERENCE_DISPLACEMENT * d, displacement / 2), displacement, 200)
+        motion = replace(motion, pace=mean_pace((motion.first, motion.last, growth), allowed, over))
     return motion, sampling, choices
 
 
@@ -316,11 +316,8 @@ def in_steps(scene: Scene, motion: Motion, timestep: float) -> tuple[Motion, Sam
     return motion, Sampling(sample, every, frame, checkpoint, block)
 
 
-def _pace(
-    speeds: tuple[float, float, float], allowed: tuple[float, float, float], diameter: float, displacement: float
-) -> float:
-    """Mean over displacements, from the reference one on, of one (first, last, growth) over another."""
-    d = np.linspace(min(REFERENCE_DISPLACEMENT * diameter, displacement / 2), displacement, 200)
+def mean_pace(speeds: tuple[float, float, float], allowed: tuple[float, float, float], d: FloatArray) -> float:
+    """Mean over displacements ``d`` (n,) um of one (first, last, growth) over another."""
 
     def speed(of: tuple[float, float, float]) -> FloatArray:
         return np.minimum(of[0] * (1 + d / of[2]), of[1])

@@ -8,9 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from cgfibre.build.system import FloatArray
 from cgfibre.plan.model import Choice, Motion, Sampling
-from cgfibre.plan.motion import SPEED_RATIO, film_time, in_steps, target
+from cgfibre.plan.motion import SPEED_RATIO, film_time, in_steps, mean_pace, target
 from cgfibre.scene import Scene
 
 #: part of the load at the stop from which on the accuracy asked for shall hold
@@ -103,14 +102,5 @@ def plan_pressing(
         cycles=cycles,
     )
     motion, sampling = in_steps(scene, motion, timestep)
-    pace = _pace((motion.first, motion.last, growth), allowed, d)
+    pace = mean_pace((motion.first, motion.last, growth), allowed, d)
     return replace(motion, pace=pace), sampling, choices
-
-
-def _pace(speeds: tuple[float, float, float], allowed: tuple[float, float, float], d: FloatArray) -> float:
-    """Mean over displacements of one (first, last, growth) over another."""
-
-    def speed(of: tuple[float, float, float]) -> FloatArray:
-        return np.minimum(of[0] * (1 + d / of[2]), of[1])
-
-    return float(np.mean(speed(speeds) / speed(allowed)))

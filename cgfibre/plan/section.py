@@ -39,6 +39,36 @@ LINEAR_SPRING = 0.1
 SPRING_MARGIN = 1.2
 
 
+def filament_springs(scene: Scene, out: Outline) -> tuple[float, float]:
+    """(nN/um, nN um/rad) that hold a filament at its middle, for small deflections; none in a periodic cell."""
+    if nothing_varies(scene):
+        return 0.0, 0.0
+    f, length, tension = out.filament, scene.bundle.length, scene.ends.tension
+    loaded = 0.0 if scene.platens.width == "full" else float(scene.platens.width)
+    if scene.model.spring == "thesis":
+        k = float(support.thesis_mid_span_stiffness(length, f.EI, tension))
+    else:
+        k = 1 / float(rod.platen_compliance(length, f.EI, width=loaded, tension=tension))
+    turn = {
+        "none": 0.0,
+        "thesis": float(support.thesis_torsional_stiffness(length, f.GJ)),
+        "exact": float(support.mid_span_torsional_stiffness(length, f.GJ)),
+    }[scene.model.torsional_spring]
+    return k, turn
+
+
+def disc_beads(scene: Scene, mass: float) -> Beads:
+    """A filament, or a bundle of them, as one disc of ``mass`` pg on its springs (none in a periodic cell)."""
+    return Beads(
+        stations=np.zeros(1),
+        role=np.zeros(1, dtype=np.int64),
+        mass=np.array([mass]),
+        hinge=np.zeros(1),
+        support="periodic" if nothing_varies(scene) else "springs",
+        end_load=0.0,
+    )
+
+
 def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) -> Plan:
     """Plan of a scene at level section; without springs where nothing varies along the filaments."""
     f, length, tension = out.filament, scene.bundle.length, scene.ends.tension
@@ -58,27 +88,18 @@ def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) 
     plugin = scene.contact.shape != "beads"
     span = (length - (0.0 if scene.platens.width == "full" else width)) / 2
     large: SpringLaw | None = None
+    k, turn = filament_springs(scene, out)
     if free:
-        k = 0.0
         choices.append(Choice("springs", "none", "a periodic cell has no end supports to bend against"))
     elif scene.model.spring == "thesis":
-        k = float(support.thesis_mid_span_stiffness(length, f.EI, tension))
         choices.append(
             Choice("springs", f"{k:.4g} nN/um", "Eq 7-1 of the thesis, as asked (21 % stiff for a long filament)")
         )
     else:
         loaded = 0.0 if scene.platens.width == "full" else width
-        k = 1 / float(rod.platen_compliance(length, f.EI, width=loaded, tension=tension))
         if _wants_elastica(scene, plugin, out.displacement / span):
             large = spring_law(length, f.EI, tension, loaded, SPRING_MARGIN * out.displacement)
         choices.append(_spring_choice(k, large))
-    turn = {
-        "none": 0.0,
-        "thesis": float(support.thesis_torsional_stiffness(length, f.GJ)),
-        "exact": float(support.mid_span_torsional_stiffness(length, f.GJ)),
-    }[scene.model.torsional_spring]
-    if free:
-        turn = 0.0
     choices.append(
         Choice(
             "torsional springs",
@@ -121,14 +142,6 @@ def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) 
         out = _from_crimped(scene, out, platen)
     motion, sampling, motion_choices = plan_motion(scene, bodies, timestep, out.displacement, out.earlier, depth)
     choices += motion_choices
-    beads = Beads(
-        stations=np.zeros(1),
-        role=np.zeros(1, dtype=np.int64),
-        mass=np.array([mass]),
-        hinge=np.zeros(1),
-        support="periodic" if free else "springs",
-        end_load=0.0,
-    )
     omissions = [
         *common_omissions(scene, level),
         Omission(
@@ -157,7 +170,7 @@ def plan_section(scene: Scene, out: Outline, level: str, choices: list[Choice]) 
         height=out.height,
         n_filaments=n,
         n_beads=n,
-        beads=beads,
+        beads=disc_beads(scene, mass),
         axial_softening=1.0,
         timestep=timestep,
         timestep_limit=limit,

@@ -17,17 +17,16 @@ from cgfibre.build.system import FilamentSystem, FloatArray
 from cgfibre.errors import InputError
 from cgfibre.mechanics import rod, support
 from cgfibre.mechanics.contact import damping_coefficient
-from cgfibre.plan.beads import SAFETY
-from cgfibre.plan.common import common_omissions, friction, platens
+from cgfibre.plan.common import checked_step, common_omissions, friction, platens
 from cgfibre.plan.contact import BEAD_DAMPING, TANGENTIAL_RATIO, ContactPlan, damping_ratio, line_contacts
 from cgfibre.plan.cost import predicted_seconds
 from cgfibre.plan.filaments import DRAG
 from cgfibre.plan.level import nothing_varies
-from cgfibre.plan.model import Beads, Choice, Contact, Discs, Omission, Plan
+from cgfibre.plan.model import Choice, Contact, Discs, Omission, Plan
 from cgfibre.plan.motion import Bodies, depths_below_top, loose, plan_motion
 from cgfibre.plan.outline import Outline, arrangement_spec
 from cgfibre.plan.promise import promise
-from cgfibre.plan.section import DISC_INERTIA
+from cgfibre.plan.section import DISC_INERTIA, disc_beads, filament_springs
 from cgfibre.scene import Scene
 from cgfibre.scene_assembly import Subbundle
 from cgfibre.subbundle_law import SubbundleLaw, Table, find_law
@@ -163,15 +162,13 @@ def plan_subbundle(scene: Scene, out: Outline, level: str, choices: list[Choice]
     ]
     mass = out.filament.mass_per_length * depth * each
     contact = _contact(scene, table, size, depth, mass, float(softening.value), asked.spread)
-    k, turn = (each * stiffness for stiffness in _filament_springs(scene, out))
+    k, turn = (each * stiffness for stiffness in filament_springs(scene, out))
     choices.append(Choice("springs", f"{k:.4g} nN/um, {turn:.4g} nN um/rad", f"{each:.5g} times those of a filament"))
     inertia = DISC_INERTIA * mass * size**2
     touching, damping = contact.bounds(DISC_INERTIA)
     limit = float(rod.limiting_time_step(touching + max(k, turn * mass / inertia), mass, damping))
-    if scene.model.timestep != "auto" and float(scene.model.timestep) >= limit:
-        raise InputError("model.timestep", f"{scene.model.timestep:g} us", f"less than the limit {limit:.4g} us")
-    timestep = SAFETY * limit if scene.model.timestep == "auto" else float(scene.model.timestep)
-    choices.append(Choice("time step", f"{timestep:.4g} us", f"the proven limit is {limit:.4g} us"))
+    timestep, step = checked_step(scene, limit)
+    choices.append(step)
     if nothing_varies(scene):
         stiffness, frequency = loose(contact.tangent_kn, mass, out.height / size)
     else:
@@ -191,14 +188,7 @@ def plan_subbundle(scene: Scene, out: Outline, level: str, choices: list[Choice]
         height=out.height,
         n_filaments=len(out.centres),
         n_beads=n,
-        beads=Beads(
-            stations=np.zeros(1),
-            role=np.zeros(1, dtype=np.int64),
-            mass=np.array([mass]),
-            hinge=np.zeros(1),
-            support="periodic" if nothing_varies(scene) else "springs",
-            end_load=0.0,
-        ),
+        beads=disc_beads(scene, mass),
         axial_softening=1.0,
         timestep=timestep,
         timestep_limit=limit,
@@ -232,24 +222,6 @@ def _softening(scene: Scene) -> Choice:
     if scene.contact.softening != "auto":
         return Choice("contact softening", f"{float(scene.contact.softening):g}", "as asked in the scene")
     return Choice("contact softening", "1", "few discs are cheap: the real stiffness")
-
-
-def _filament_springs(scene: Scene, out: Outline) -> tuple[float, float]:
-    """(nN/um, nN um/rad) that hold one filament, as level section has them; none in a periodic cell."""
-    if nothing_varies(scene):
-        return 0.0, 0.0
-    f, length, tension = out.filament, scene.bundle.length, scene.ends.tension
-    loaded = 0.0 if scene.platens.width == "full" else float(scene.platens.width)
-    if scene.model.spring == "thesis":
-        k = float(support.thesis_mid_span_stiffness(length, f.EI, tension))
-    else:
-        k = 1 / float(rod.platen_compliance(length, f.EI, width=loaded, tension=tension))
-    turn = {
-        "none": 0.0,
-        "thesis": float(support.thesis_torsional_stiffness(length, f.GJ)),
-        "exact": float(support.mid_span_torsional_stiffness(length, f.GJ)),
-    }[scene.model.torsional_spring]
-    return k, turn
 
 
 def _column(values: FloatArray, scale: float) -> tuple[float, ...]:
