@@ -15,6 +15,7 @@ from cgfibre import plot_fabric, plot_weave, store
 from cgfibre.build.system import FilamentSystem
 from cgfibre.measure.fabric import fabric_of
 from cgfibre.measure.fabric_section import cut_fabric
+from cgfibre.pictures_fabric import crimp_history
 from cgfibre.plot import new_figure
 from cgfibre.review_fabric import planes_of
 from cgfibre.workflow import RunOptions, run_scene
@@ -76,24 +77,6 @@ def views(results: store.Results) -> list[plot_fabric.CutView]:
     ]
 
 
-def history(results: store.Results) -> plot_fabric.CrimpHistory:
-    """Crimp and sizes of tows against pressure."""
-    found = results.fabric
-
-    def pair(name: str, place: str = "") -> tuple[np.ndarray, np.ndarray]:
-        return found[f"{name}_warp{place}"][0], found[f"{name}_weft{place}"][0]
-
-    return plot_fabric.CrimpHistory(
-        pressure=np.interp(results.frames.step, results.curve["step"], results.curve["pressure_MPa"]),
-        crimp=pair("crimp"),
-        angle=pair("crimp_angle"),
-        width=pair("width", "_crossing"),
-        width_between=pair("width", "_between"),
-        thickness=pair("thickness", "_crossing"),
-        thickness_between=pair("thickness", "_between"),
-    )
-
-
 def balance(results: store.Results) -> plot_fabric.Balance:
     """Force at the crossings beside the platen's."""
     at = results.frames.step, results.curve["step"]
@@ -120,7 +103,7 @@ def main() -> None:
         "weave": plot_weave.figure_weave(states(glass)),
         "filaments": plot_weave.figure_weave(states(yarns)),
         "sections": plot_fabric.figure_cuts(views(yarns)),
-        "crimp": plot_fabric.figure_crimp(history(yarns)),
+        "crimp": plot_fabric.figure_crimp(crimp_history(yarns.curve, yarns.frames, yarns.fabric)),
         "crossings": ax.figure,
     }
     for name, figure in figures.items():

@@ -48,7 +48,7 @@ def draw_fabric(
         "sections.png": _sections(plan, fabric, frames, chosen),
     }
     if len(next(iter(statistics.values()), ((), ""))[0]) == len(frames):
-        figures["crimp.png"] = _crimp(curve, frames, statistics)
+        figures["crimp.png"] = plot_fabric.figure_crimp(crimp_history(curve, frames, statistics))
         figures["crossings.png"] = _crossings(plan, fabric, curve, frames, statistics, peak[0])
     for name, figure in figures.items():
         figure.savefig(out / name)
@@ -82,12 +82,14 @@ def _turn(frames: Frames) -> int | None:
     return peak if peak < len(frames) - 1 else None
 
 
-def _crimp(curve: Curve, frames: Frames, statistics: Statistics) -> plot_fabric.Figure:
+def crimp_history(curve: Curve, frames: Frames, statistics: Statistics) -> plot_fabric.CrimpHistory:
+    """Crimp and sizes of tows against pressure, of a fabric's ``statistics`` ({name: (a value a frame, unit)})."""
+
     def pair(name: str, place: str = "") -> tuple[FloatArray, FloatArray]:
         warp, weft = (statistics[f"{name}_{tow}{place}"][0] for tow in ("warp", "weft"))
         return warp, weft
 
-    history = plot_fabric.CrimpHistory(
+    return plot_fabric.CrimpHistory(
         pressure=_pressures(curve, frames),
         crimp=pair("crimp"),
         angle=pair("crimp_angle"),
@@ -97,7 +99,6 @@ def _crimp(curve: Curve, frames: Frames, statistics: Statistics) -> plot_fabric.
         thickness_between=pair("thickness", "_between"),
         turn=_turn(frames),
     )
-    return plot_fabric.figure_crimp(history)
 
 
 def _crossings(
