@@ -258,17 +258,18 @@ def plot_energy(ax: Axes, curve: Curve) -> Axes:
     The remainder is work - stored - kinetic; where it is negative the stack passes above the line of the work.
     """
     with style():
-        factor, unit = _prefix(curve["work_J"], "J")
+        factor, unit = _prefix(curve.work, "J")
         late, time_unit = _prefix(curve["time_us"] * 1e-6, "s")
         t = curve["time_us"] * 1e-6 * late
-        work, stored, kinetic = (curve[k] * factor for k in ("work_J", "stored_J", "kinetic_J"))
+        work, stored, kinetic = (x * factor for x in (curve.work, curve["stored_J"], curve["kinetic_J"]))
         ax.fill_between(t, 0, stored, color=BLUE, alpha=0.55, lw=0, label="stored in filaments, springs and end load")
         ax.fill_between(t, stored, stored + kinetic, color=VERMILION, alpha=0.9, lw=0, label="kinetic")
         dissipated = np.maximum(work, stored + kinetic)
         ax.fill_between(
             t, stored + kinetic, dissipated, color="#E69F00", alpha=0.45, lw=0, label="friction and damping"
         )
-        ax.plot(t, work, color=INK, lw=1.8, label="work of the platen")
+        whose = "work of the platen and of the cell's edges" if curve.cell else "work of the platen"
+        ax.plot(t, work, color=INK, lw=1.8, label=whose)
         for part, returning, cycle in _branches(curve)[1:]:
             turn = t[part.start]
             ax.axvline(turn, color=GREY, lw=1.0, ls=":")

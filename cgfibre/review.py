@@ -23,7 +23,7 @@ from cgfibre.plan.contact import OVERLAP_LIMIT
 from cgfibre.plan.model import FREE, Plan, every_bead
 from cgfibre.plan.motion import REFERENCE_DISPLACEMENT
 from cgfibre.record import Balance, Curve, Frames
-from cgfibre.review_fabric import fabric_statistics, passing_guard, upright
+from cgfibre.review_fabric import fabric_statistics, passing_guard, plane_guard, upright
 from cgfibre.scene import Scene
 
 #: largest kinetic energy over work beyond the reference displacement
@@ -190,7 +190,9 @@ def _guards(scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, fram
     if not found[0].ok or not all(g.ok for g in found) or len(frames) == 0:
         return found  # geometry of what is not finite says nothing
     if plan.woven is not None:
-        found.append(passing_guard(system, plan, upright(plan, system, frames)))
+        found.append(passing_guard(system, plan, upright(system, frames)))
+        if plan.woven.moved and curve.cell:
+            found.append(plane_guard(plan.woven, curve))
     else:
         found.append(guards.filaments_through_each_other(system, frames, swaps))
     for side, span in enumerate((plan.platens.top_span, plan.platens.bottom_span)):
@@ -199,15 +201,14 @@ def _guards(scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, fram
         gaps = [[platen_gaps(plan, system, float(d))[side]] for d in frames.displacement_um]
         found.append(
             guards.beads_past_platen(
-                Frames(frames.step, frames.displacement_um, frames.positions[:, pressed], box=frames.box),
+                Frames(frames.step, frames.displacement_um, frames.positions[:, pressed]),
                 gaps,
                 f"beads past the {('top', 'bottom')[side]} platen",
             )
         )
     if not plan.flat:
         found.append(guards.stretch(system, frames, plan.axial_softening))
-        if plan.woven is None or plan.woven.shear == 0:  # the cell's edges are square in what was built
-            found.append(guards.largest_bend(system, frames))
+        found.append(guards.largest_bend(system, frames))
         if plan.woven is None:
             found.append(_gone_guard(scene, plan, system, frames))
     found.append(guards.force_balance(curve, applies=plan.beads.support == "periodic"))
@@ -384,8 +385,6 @@ def frame_statistics(
 ) -> dict[str, tuple[np.ndarray, str]]:
     """Distribution of the filaments under the middle of the platen and their contacts, one row a frame."""
     if plan.woven is not None:
-        if plan.woven.shear != 0:
-            return {}  # measured in a square cell alone
         top, bottom = platen_heights(system, plan)
         faces = np.column_stack([np.full(len(frames), bottom), top - frames.displacement_um])
         return fabric_statistics(system, frames, faces, line_law(plan, system), hertz_modulus(plan))

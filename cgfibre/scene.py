@@ -650,17 +650,18 @@ def _check_woven_stop(scene: Scene) -> None:
 
 
 def _check_in_plane(scene: Scene) -> None:
-    """Strain and tension of one direction exclude each other; a patch is held."""
+    """Strain and tension of one direction exclude each other; what belongs to one order of cell and platens alone."""
     cell = scene.in_plane
-    if scene.weave.cell == "patch" and not cell.at_rest:
-        expected = "no such table with assembly.cell = 'patch': its ends are held (or cell = 'periodic')"
-        raise refusal("cell", Abridged("{...}"), expected)
-    if cell.edges == "free" and cell.shear != 0:
-        raise refusal("cell.edges", "free", "'held' with cell.shear: the tows' lengths decide the edges then")
     for axis, tow in (("x", "warp"), ("y", "weft")):
         if getattr(cell.strain, axis) != 0 and getattr(cell.tension, tow) != 0:
             expected = f"0 N where cell.strain.{axis} is given: one follows from the other"
             raise refusal(f"cell.tension.{tow}", cell.tension._shown(tow), expected)
+        if cell.when == "after" and cell.edges == "held" and getattr(cell.tension, tow) != 0:
+            expected = "0 N, or edges = 'free', with when = 'after': tension begins from free edges, not from held ones"
+            raise refusal(f"cell.tension.{tow}", cell.tension._shown(tow), expected)
+    if cell.over != "auto" and cell.when != "during":
+        expected = f"no such key with when = {cell.when!r}: it belongs to 'during'"
+        raise refusal("cell.over", cell._shown("over"), expected)
 
 
 Scene.WEAVE_CHECKS = (_check_woven, _check_woven_stop, _check_in_plane)

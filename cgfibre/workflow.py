@@ -389,8 +389,6 @@ def _summary(
     }
     if scene.is_weave:
         summary["fabric"] = fabric_summary(review.statistics)
-        if plan.woven is not None and plan.woven.shear != 0:
-            summary["notes"] = ["a sheared cell: crimp, sizes of tows, crossings and room for resin are not measured"]
     if facts.get("stopped"):
         summary["stopped"] = facts["stopped"]
     return summary

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from cgfibre.build.system import FloatArray, IntArray
+from cgfibre.build.system import FloatArray, IntArray, whole_periods
 from cgfibre.measure.crossings import Crossings
 from cgfibre.measure.fabric import Fabric
 from cgfibre.measure.segments import GAUSS, LineLaw, Stretches, period_of, touching_stretches
@@ -153,7 +153,7 @@ def crossing_loads(fabric: Fabric, crossings: Crossings, touch: Touch) -> Crossi
     for k in range(n):
         mine = np.flatnonzero((warp == crossings.first[k]) & (weft == crossings.second[k]))
         d = touch.place[across][mine, :2] - crossings.place[k, :2]
-        d -= np.where(period > 0, period * np.round(d / np.where(period > 0, period, 1.0)), 0.0)
+        d -= whole_periods(d, period, fabric.system.tilt)
         distance = np.sum(d * d, axis=1)
         nearer = distance < best[mine]
         owner[mine[nearer]], best[mine[nearer]] = k, distance[nearer]

@@ -28,7 +28,9 @@ COSTS = {
 START = 0.3  # seconds to start the engine and read the assembly
 
 
-def predicted_seconds(level: str, n_beads: int, motion: Motion, sampling: Sampling) -> float:
-    """Engine seconds on one core; a stop by force or pressure comes earlier."""
+def predicted_seconds(level: str, n_beads: int, motion: Motion, sampling: Sampling, before: int = 0) -> float:
+    """Engine seconds on one core, ``before`` steps included that the platens wait; a stop by force or pressure comes
+    earlier."""
     cost = COSTS[level]
-    return START + (cost.step + cost.bead * n_beads + cost.block / sampling.block) * motion.planned_steps
+    steps = motion.planned_steps + before
+    return START + (cost.step + cost.bead * n_beads + cost.block / sampling.block) * steps

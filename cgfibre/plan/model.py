@@ -82,10 +82,11 @@ class Woven:
     """A weave: what is ``resolve``d (tow or filament), the ``size`` (x, y) um of the cell or patch, the ``volume`` of
     fibres um3, whether it is ``periodic``, whether its tows are free of stress as built (``at_rest``).
 
-    In the plane, over ``preparation`` steps before the platens move: ``strain`` (x, y),
-    ``tension`` (x, y) nN on the whole cell (None: held there), ``shear`` rad. A free edge finds its place in
-    ``edge_time`` us against an ``edge_stiffness`` (x, y) nN a strain. ``skin`` um: how far beads go before neighbours
-    are found anew; ``end_stiffness`` nN/um of a patch's ends; ``asked_spacing`` um that the builder was given.
+    In the plane: ``strain`` (x, y), ``tension`` (x, y) nN on the whole cell (None: held there), ``shear`` rad;
+    ``when``: "before" the platens move or "after" they have, over ``preparation`` steps, or "during" the first loading,
+    in proportion to its first ``over`` um. A free edge meets a drag of ``edge_drag`` (x, y) nN us a strain.
+    ``tows`` (warp, weft) of the cell. ``skin`` um: how far beads go before neighbours are found anew;
+    ``end_stiffness`` nN/um of a patch's ends; ``asked_spacing`` um that the builder was given.
     """
 
     resolve: str
@@ -96,9 +97,11 @@ class Woven:
     strain: tuple[float, float] = (0.0, 0.0)
     tension: tuple[float | None, float | None] = (None, None)
     shear: float = 0.0
+    when: str = "before"
+    over: float = 0.0
     preparation: int = 0
-    edge_time: float = 0.0
-    edge_stiffness: tuple[float, float] = (0.0, 0.0)
+    edge_drag: tuple[float, float] = (0.0, 0.0)
+    tows: tuple[int, int] = (1, 1)
     skin: float = 1.0
     end_stiffness: float = 0.0
     asked_spacing: float = 0.0
@@ -107,6 +110,11 @@ class Woven:
     def moved(self) -> bool:
         """Whether anything happens in the plane."""
         return self.strain != (0.0, 0.0) or self.tension != (None, None) or self.shear != 0.0
+
+    @property
+    def steps_before(self) -> int:
+        """Steps that the platens wait for what happens in the plane, a quarter of them for it to come to rest."""
+        return math.ceil(1.25 * self.preparation) if self.when == "before" else 0
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from cgfibre.errors import InputError
 from cgfibre.mechanics import rod
 from cgfibre.plan.contact import TANGENTIAL_DAMPING, TANGENTIAL_RATIO
 from cgfibre.plan.model import CONTACT, LEFT, RIGHT, ROD_DAMPING, Beads, Choice, Woven
-from cgfibre.plan.pressing import Estimate, Stops
+from cgfibre.plan.pressing import Estimate, Stops, preparation_steps, way_in_plane
 from cgfibre.scene import Scene, Stop
 
 #: displacement planned for a stop by load, over that of the static estimate
@@ -23,8 +23,8 @@ DEEPEST = 0.75
 SKIN = 0.05
 #: stiffness of a patch's ends over that of a segment's stretching
 END_SHARE = 0.05
-#: periods of the fabric over which it is strained, and of which a free edge takes some three to find its place
-PREPARATION, EDGE_PERIODS = 30.0, 1.0
+#: periods of the fabric in which a free edge finds its place
+EDGE_PERIODS = 0.05
 #: stiffness of crimped tows in the plane over their EA, roughly
 CRIMPED = 0.3
 #: part of a diameter that the end of a tow may be off the middle of the fabric and still be a crossing-over
@@ -146,10 +146,17 @@ def rest_choice(scene: Scene, level: str) -> Choice:
     return Choice("rest shape", "as built", f"{how}: no stress at rest")
 
 
-def woven_plan(
-    scene: Scene, resolve: str, system: FilamentSystem, volume: float, spacing: float, period: float
-) -> Woven:
-    """The weave's part of a plan; ``spacing`` is what the builder was given, ``period`` steps in one of the fabric."""
+@dataclass(frozen=True)
+class Pace:
+    """What loading in the plane goes by: a ``period`` of the fabric us, the ``timestep`` us, the planned ``stops``."""
+
+    period: float
+    timestep: float
+    stops: Stops
+
+
+def woven_plan(scene: Scene, resolve: str, system: FilamentSystem, volume: float, spacing: float, pace: Pace) -> Woven:
+    """The weave's part of a plan; ``spacing`` is what the builder was given."""
     w, cell, longest = scene.weave, scene.in_plane, float(np.max(system.bond_lengths()))
     pulls = (cell.tension.warp * w.tows.warp, cell.tension.weft * w.tows.weft)
     free = [
@@ -157,7 +164,8 @@ def woven_plan(
         for strain, pull in zip((cell.strain.x, cell.strain.y), pulls, strict=True)
     ]
     EA = [
-        float(np.sum([t.EA for t in np.array(system.types)[system.filament_type[_runs(system) == k]]])) for k in (0, 1)
+        float(np.sum([t.EA for t in np.array(system.types)[system.filament_type[runs_along(system) == k]]]))
+        for k in (0, 1)
     ]
     return Woven(
         resolve,
@@ -171,20 +179,22 @@ def woven_plan(
         strain=(cell.strain.x, cell.strain.y),
         tension=(pulls[0] if free[0] else None, pulls[1] if free[1] else None),
         shear=cell.shear,
-        preparation=math.ceil(PREPARATION * period) if not cell.at_rest else 0,
-        edge_time=EDGE_PERIODS * period,
-        edge_stiffness=(CRIMPED * EA[0], CRIMPED * EA[1]),
+        when=cell.when,
+        over=way_in_plane(scene, pace.stops) if cell.when == "during" else 0.0,
+        preparation=preparation_steps(scene, pace.period, pace.timestep),
+        edge_drag=(CRIMPED * EA[0] * EDGE_PERIODS * pace.period, CRIMPED * EA[1] * EDGE_PERIODS * pace.period),
+        tows=(w.tows.warp, w.tows.weft),
     )
 
 
-def _runs(system: FilamentSystem) -> np.ndarray:
+def runs_along(system: FilamentSystem) -> np.ndarray:
     """(n_filaments,) 0 for filaments along x, 1 for those along y."""
     run = system.positions[system.last_beads] - system.positions[system.first_beads]
     return np.asarray(np.argmax(np.abs(run[:, :2]), axis=1))
 
 
-def cell_choices(scene: Scene) -> list[Choice]:
-    """What happens in the plane."""
+def cell_choices(scene: Scene, woven: Woven) -> list[Choice]:
+    """What happens in the plane, and when."""
     c = scene.in_plane
     if c.at_rest:
         return [Choice("in the plane", "held", "the fabric can neither spread nor shrink, as between mirrors")]
@@ -193,8 +203,10 @@ def cell_choices(scene: Scene) -> list[Choice]:
     if (c.tension.warp, c.tension.weft) != (0, 0):
         parts.append(f"{c.tension.warp * 1e-9:.3g} N a warp tow, {c.tension.weft * 1e-9:.3g} N a weft tow")
     parts += ["free edges"] if c.edges == "free" else []
-    return [
-        Choice(
-            "in the plane", ", ".join(parts), "before the platens move, which stand at the fabric as built meanwhile"
-        )
-    ]
+    steps = f"over {woven.preparation} steps"
+    when = {
+        "before": f"{steps} before the platens move, which stand at the fabric as built meanwhile",
+        "during": f"in proportion to the first {woven.over:.4g} um of the platen's first loading, then held",
+        "after": f"{steps} behind the last loading, the platens held",
+    }
+    return [Choice("in the plane", ", ".join(parts), when[c.when])]

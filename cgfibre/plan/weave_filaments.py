@@ -16,6 +16,7 @@ from cgfibre.plan.outline import scene_filament
 from cgfibre.plan.pressing import REFERENCE_LOAD, plan_pressing
 from cgfibre.plan.tows import greatest_curvature, woven_system
 from cgfibre.plan.weave_common import (
+    Pace,
     Touching,
     built_height,
     cell_choices,
@@ -111,6 +112,8 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
     motion, sampling, more = plan_pressing(scene, mat, mass, timestep, stops)
     frequency = math.sqrt(mat.stiffness(REFERENCE_LOAD * stops.load) / mass)
     drag = DRAG * frequency * float(np.mean(beads.mass))
+    pace = Pace(2 * math.pi / frequency, timestep, stops)
+    woven = woven_plan(scene, "filament", system, volume, spacing, pace)
     choices += [
         level,
         choice,
@@ -118,10 +121,10 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
         Choice("contact law", law, LAWS[law].format(load=scene.contact.line_load * 1e-6)),
         friction(scene),
         rest_choice(scene, level.value),
-        *cell_choices(scene),
         Choice("axial softening", f"{axial:g}", "the cell is held: crimp that is pressed out goes into their length"),
         step,
         *more,
+        *cell_choices(scene, woven),
     ]
     cost = level.value if beads_touch else f"{level.value}, capsules"
     platens = Platens(
@@ -154,7 +157,7 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
         platens=platens,
         motion=motion,
         sampling=sampling,
-        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling),
+        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling, woven.steps_before),
         choices=tuple(choices),
         omissions=_OMISSIONS,
         promise=(
@@ -162,7 +165,7 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
             ErrorPart("bead spacing", SPACING_ERROR, "chords in place of curved filaments"),
             ErrorPart("rearrangements", REARRANGEMENT, "filaments give way at slightly other displacements"),
         ),
-        woven=woven_plan(scene, "filament", system, volume, spacing, 2 * math.pi / (frequency * timestep)),
+        woven=woven,
     )
 
 

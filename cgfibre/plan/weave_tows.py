@@ -19,6 +19,7 @@ from cgfibre.plan.pressing import REFERENCE_LOAD, plan_pressing
 from cgfibre.plan.tow_law import STIFFNESS, ChainLaw, chain_law, tow_law
 from cgfibre.plan.tows import TowModel, greatest_curvature, tow_models, woven_system
 from cgfibre.plan.weave_common import (
+    Pace,
     Touching,
     built_height,
     cell_choices,
@@ -192,7 +193,6 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
         Choice("contact law", _law(scene, modulus), "across a tow, between tows; platens meet half of that compliance"),
         friction(scene),
         rest_choice(scene, level.value),
-        *cell_choices(scene),
     ]
     axial = 1.0 if scene.model.axial_softening == "auto" else float(scene.model.axial_softening)
     choices.append(
@@ -213,7 +213,9 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     drag = DRAG * frequency * float(np.mean(beads.mass))
     lengths = [float(np.sum(system.bond_lengths()[_of_type(system, k)])) for k in (0, 1)]
     volume = sum(t.fibres * length / t.chains for t, length in zip(tows, lengths, strict=True))
-    woven = woven_plan(scene, "tow", system, volume, spacing, 2 * math.pi / (frequency * timestep))
+    pace = Pace(2 * math.pi / frequency, timestep, stops)
+    woven = woven_plan(scene, "tow", system, volume, spacing, pace)
+    choices += cell_choices(scene, woven)
     cost = f"{level.value}, capsules"
     return Plan(
         level=level.value,
@@ -234,7 +236,7 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
         platens=platens,
         motion=motion,
         sampling=sampling,
-        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling),
+        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling, woven.steps_before),
         choices=tuple(choices),
         omissions=_omissions(scene, tows),
         promise=(
