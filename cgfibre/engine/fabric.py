@@ -52,6 +52,10 @@ def fabric_parameters(system: FilamentSystem, plan: Plan) -> dict[str, float | i
     }
     if w.moved:
         values |= _moved_cell(system, w)
+        forces = rest_forces(system, plan)
+        if forces is not None:
+            moment = np.sum(forces * system.positions, axis=0)
+            values |= {"rest_moment_x": float(moment[0]), "rest_moment_y": float(moment[1])}
     if w.periodic:
         values |= {"boundary_y": "p", "width_formula": "lx*ly/v_contact_length_um"}
     else:

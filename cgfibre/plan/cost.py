@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cgfibre.plan.model import Motion, Sampling
+from cgfibre.plan.model import Motion, Sampling, Woven
 
 
 @dataclass(frozen=True)
@@ -25,12 +25,18 @@ COSTS = {
     "section": Cost(step=3.5e-6, bead=9e-8, block=1e-4),
     "subbundle": Cost(step=6e-6, bead=3e-7, block=1e-4),
 }
+PLANE = 5e-5  # seconds a step while a weave is loaded in its plane: variables of the deck
 START = 0.3  # seconds to start the engine and read the assembly
 
 
-def predicted_seconds(level: str, n_beads: int, motion: Motion, sampling: Sampling, before: int = 0) -> float:
-    """Engine seconds on one core, ``before`` steps included that the platens wait; a stop by force or pressure comes
-    earlier."""
+def predicted_seconds(
+    level: str, n_beads: int, motion: Motion, sampling: Sampling, woven: Woven | None = None
+) -> float:
+    """Engine seconds on one core, with those that the platens wait; a stop by force or pressure comes earlier."""
     cost = COSTS[level]
-    steps = motion.planned_steps + before
-    return START + (cost.step + cost.bead * n_beads + cost.block / sampling.block) * steps
+    steps, before = motion.planned_steps, woven.steps_before if woven else 0
+    found = START + (cost.step + cost.bead * n_beads + cost.block / sampling.block) * (steps + before)
+    if woven is not None and woven.moved:
+        stays = woven.when == "before" and woven.tension == (None, None)
+        found += PLANE * (before if stays else steps + before)
+    return found

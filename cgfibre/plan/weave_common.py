@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cgfibre.build.system import FilamentSystem, FloatArray
+from cgfibre.build.weave_spec import WeaveSpec, transition
 from cgfibre.errors import InputError
-from cgfibre.mechanics import rod
+from cgfibre.mechanics import rod, trellis
 from cgfibre.plan.contact import TANGENTIAL_DAMPING, TANGENTIAL_RATIO
 from cgfibre.plan.model import CONTACT, LEFT, RIGHT, ROD_DAMPING, Beads, Choice, Woven
 from cgfibre.plan.pressing import Estimate, Stops, preparation_steps, way_in_plane
+from cgfibre.plan.tows import weave_spec
 from cgfibre.scene import Scene, Stop
 
 #: displacement planned for a stop by load, over that of the static estimate
@@ -209,4 +211,26 @@ def cell_choices(scene: Scene, woven: Woven) -> list[Choice]:
         "during": f"in proportion to the first {woven.over:.4g} um of the platen's first loading, then held",
         "after": f"{steps} behind the last loading, the platens held",
     }
-    return [Choice("in the plane", ", ".join(parts), when[c.when])]
+    choices = [Choice("in the plane", ", ".join(parts), when[c.when])]
+    return choices + ([_sheared(scene)] if c.shear else [])
+
+
+def _sheared(scene: Scene) -> Choice:
+    """Where a trellis of these tows ends, and what its resistance leaves out."""
+    w, shear = scene.weave, scene.in_plane.shear
+    pairs = ((w.tow.width, w.spacing.warp), (w.weft.width, w.spacing.weft))
+    lock = min(trellis.locking_angle(width, spacing) for width, spacing in pairs)
+    parts = [f"lie side by side at {math.degrees(lock):.3g} deg"]
+    spec = weave_spec(w)
+    if w.tow.section == w.weft.section == "circular" and w.texgen is None and on_cosines(spec):
+        spacings = (w.spacing.weft, w.spacing.warp)
+        bearing = trellis.bearing_angle(sum(spec.amplitudes), spec.amplitudes, spacings)
+        parts.insert(0, f"press on each other beside their crossings from {math.degrees(bearing):.3g} deg on")
+    why = "closed forms; the couple that resists has no friction of tows that turn on each other: chains have no sides"
+    return Choice("trellis", f"area times {trellis.area_factor(shear):.4g}; tows {', '.join(parts)}", why)
+
+
+def on_cosines(spec: WeaveSpec) -> bool:
+    """Whether all tows change sides at every crossing, on cosines without a flat crest."""
+    plain = all(np.all(spec.pattern != np.roll(spec.pattern, 1, axis)) for axis in (0, 1))
+    return plain and all(t.kind == "cosine" and t.crest == 0 for t in (transition(spec, k) for k in (True, False)))

@@ -157,7 +157,7 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
         platens=platens,
         motion=motion,
         sampling=sampling,
-        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling, woven.steps_before),
+        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling, woven),
         choices=tuple(choices),
         omissions=_OMISSIONS,
         promise=(

@@ -236,7 +236,7 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
         platens=platens,
         motion=motion,
         sampling=sampling,
-        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling, woven.steps_before),
+        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling, woven),
         choices=tuple(choices),
         omissions=_omissions(scene, tows),
         promise=(

@@ -6,6 +6,7 @@
 
 #include "atom.h"
 #include "comm.h"
+#include "domain.h"
 #include "error.h"
 #include "force.h"
 #include "memory.h"
@@ -304,6 +305,7 @@ void PairCapsule::place_segments()
       s.dv[d] = v[s.second][d] - v[s.first][d];
     }
   }
+  carry_with_box();
   // a neighbour that is in no pair has no place
   for (Segment &s : segments) {
     double there[3];
@@ -315,6 +317,30 @@ void PairCapsule::place_segments()
     };
     plane(s.back, s.previous, s.first, s.before);
     plane(s.front, s.second, s.following, s.after);
+  }
+}
+
+// A box that deforms (fix deform, remap x) moves beads beside their velocities: surfaces slide past each other by that too.
+void PairCapsule::carry_with_box()
+{
+  const double *rate = domain->h_rate, *inverse = domain->h_inv;    // xx, yy, zz, yz, xz, xy
+  if (!domain->deform_flag || domain->deform_vremap) return;
+  bool still = true;
+  for (int k = 0; k < 6; k++) still = still && rate[k] == 0.0;
+  if (still) return;
+  // velocity gradient: the rate of the box's edges times their inverse, upper triangles both
+  const double xx = rate[0] * inverse[0], yy = rate[1] * inverse[1], zz = rate[2] * inverse[2];
+  const double xy = rate[0] * inverse[5] + rate[5] * inverse[1];
+  const double yz = rate[1] * inverse[3] + rate[3] * inverse[2];
+  const double xz = rate[0] * inverse[4] + rate[5] * inverse[3] + rate[4] * inverse[2];
+  for (Segment &s : segments) {
+    const double *r = s.x, along[3] = {s.length * s.t[0], s.length * s.t[1], s.length * s.t[2]};
+    s.v[0] += xx * r[0] + xy * r[1] + xz * r[2];
+    s.v[1] += yy * r[1] + yz * r[2];
+    s.v[2] += zz * r[2];
+    s.dv[0] += xx * along[0] + xy * along[1] + xz * along[2];
+    s.dv[1] += yy * along[1] + yz * along[2];
+    s.dv[2] += zz * along[2];
   }
 }
 

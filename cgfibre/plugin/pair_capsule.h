@@ -114,6 +114,7 @@ class PairCapsule : public LAMMPS_NS::Pair, public HistoryOwner {
   void allocate();
   void find_pairs();
   void place_segments();
+  void carry_with_box();
   static bool meet(const Segment &, const Segment &, Stretch &);
   template <bool SPIN>
   void press(const Segment &, const Segment &, const Stretch &, const Coefficients &, double *, bool, bool, CapsuleContact &,
