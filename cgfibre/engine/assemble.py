@@ -12,7 +12,7 @@ import numpy.typing as npt
 from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
 from cgfibre.engine.capsule import capsule_parameters, tables
 from cgfibre.engine.datafile import DataFile, Topology, group_types
-from cgfibre.engine.fabric import fabric_parameters, rest_forces
+from cgfibre.engine.fabric import fabric_box, fabric_parameters, rest_forces
 from cgfibre.engine.mirror import right_half
 from cgfibre.engine.subbundle import law_files
 from cgfibre.errors import InputError
@@ -292,7 +292,7 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
         ],
         atom_format=["%d", "%.17g", "%.17g", "%.17g", "%.17g", "%.17g", "%d"],
         n_types=n_types,
-        box=system.box,
+        box=fabric_box(system, plan),
         pair_style="granular",
         pair_rows=[] if plan.contact.per_length else _pair_rows(n_types, plan.contact),
         topologies=topologies,

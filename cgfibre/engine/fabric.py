@@ -8,6 +8,9 @@ from cgfibre.build.system import FilamentSystem, FloatArray
 from cgfibre.plan.model import Plan, Woven, every_bead
 from cgfibre.plan.weave_common import runs_along
 
+#: of a segment: how far the corner of a sheared cell stands before its first beads
+CORNER = 0.4
+
 
 def bending_forces(system: FilamentSystem, hinge: FloatArray) -> FloatArray:
     """(n_beads, 3) forces in nN of ``angle_style cosine`` on the beads as built; ``hinge`` (n_beads,) its K, nN um.
@@ -39,6 +42,19 @@ def rest_forces(system: FilamentSystem, plan: Plan) -> FloatArray | None:
     if plan.woven is None or not plan.woven.at_rest:
         return None
     return -bending_forces(system, every_bead(system, plan.beads.hinge))
+
+
+def fabric_box(system: FilamentSystem, plan: Plan) -> FloatArray:
+    """(3, 2) um, the box that the deck starts from: of a cell that is sheared with its corner a little before the first
+    beads.
+
+    Beads on the boundary of a tilted box change sides with rounding, which a checkpoint does not repeat.
+    """
+    if plan.woven is None or not plan.woven.periodic or plan.woven.shear == 0:
+        return system.box
+    box = system.box.copy()
+    box[:2] -= CORNER * float(np.min(system.bond_lengths()))
+    return box
 
 
 def fabric_parameters(system: FilamentSystem, plan: Plan) -> dict[str, float | int | str]:

@@ -107,6 +107,8 @@ void PairCapsule::coeff(int narg, char **arg)
 {
   if (narg < 3) error->all(FLERR, "pair_coeff of capsule takes two types and a law");
   if (!allocated) allocate();
+  // pair_coeff comes when there is a box, and before fixes that move atoms between ranks
+  if (!store) store = FixHistory::create(lmp, "CGFIBRE_CAPSULE", HISTORY, this);
   int ilo, ihi, jlo, jhi;
   utils::bounds(FLERR, arg[0], 1, atom->ntypes, ilo, ihi, error);
   utils::bounds(FLERR, arg[1], 1, atom->ntypes, jlo, jhi, error);
@@ -149,8 +151,6 @@ void PairCapsule::init_style()
   if (!atom->radius_flag) error->all(FLERR, "pair_style capsule needs the radius of every bead (atom_style sphere)");
   if (!force->newton_pair) error->all(FLERR, "pair_style capsule needs newton on for pairs");
   chain = FixSegments::of(lmp);
-  // there must be a box first
-  if (!store) store = FixHistory::create(lmp, "CGFIBRE_CAPSULE", HISTORY, this);
 }
 
 double PairCapsule::init_one(int i, int j)
