@@ -605,9 +605,12 @@ def _check_woven(scene: Scene) -> None:
         raise refusal("ends", Abridged("{...}"), expected)
     if p.shape != "flat" or p.width != "full" or p.bottom_width not in (None, "full"):
         raise refusal("platens", Abridged("{...}"), "shape = 'flat' and width = 'full': platens cover all of a weave")
-    if model.level not in ("auto", "chain"):
-        expected = "'auto' or 'chain' with assembly.kind = 'weave': tows and filaments of a weave are chains"
+    if model.level in FLAT:
+        expected = "'auto', 'chain' or 'rod' with assembly.kind = 'weave': its tows run along x and along y"
         raise refusal("model.level", model.level, expected)
+    if model.level == "rod" and contact.shape == "beads":
+        expected = "'auto' or 'capsule' with the rods of a weave: they need the plugin (cgfibre plugin status)"
+        raise refusal("contact.shape", "beads", expected)
     for key, usual in (("far_field", "none"), ("symmetry", "none"), ("torsion", None)):
         if getattr(model, key) not in (type(model).model_fields[key].default, usual):
             raise refusal(f"model.{key}", getattr(model, key), "no such key with assembly.kind = 'weave'")

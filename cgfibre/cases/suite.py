@@ -19,6 +19,7 @@ from cgfibre.cases import (
     friction,
     invariants,
     rods,
+    woven,
 )
 from cgfibre.cases.experiment import Measured
 
@@ -198,6 +199,17 @@ CAPSULE_CASES: tuple[Case, ...] = (
         "torque of friction",
         capsule_friction.torque_of_friction,
         {"F_t/F_n": Limit(1e-8, "Coulomb's law"), "torque": Limit(1e-8, "at the surface")},
+        ("rod, capsules",),
+        CAPSULE_SPACINGS,
+        (4.0,),
+    ),
+    Case(
+        "rolled by friction",
+        capsule_friction.rolled,
+        {
+            "F_t/F_n": Limit(5e-5, "Coulomb's law; the place of half a lens to six digits"),
+            "turn": Limit(3e-5, "settling; the place of half a lens to six digits"),
+        },
         ("rod, capsules",),
         CAPSULE_SPACINGS,
         (4.0,),
@@ -453,6 +465,20 @@ CASES: tuple[Case, ...] = (
         quick=(1.0,),
     ),
     Case("frame", invariants.frame, FRAME, quick=(2.0,)),
+    Case(
+        "woven arch",
+        woven.woven_arch,
+        {
+            ("deflection", "chain"): Limit(
+                1e-5, "second order in the spacing over 20 D from crossing to crossing", 0.012, 1.9
+            ),
+            ("deflection", "rod"): Limit(
+                1e-4, "second order in the spacing over 20 D from crossing to crossing", 0.0035, 1.9
+            ),
+        },
+        spacings=(0.5, 1.0, 2.0),
+        quick=(0.5, 1.0),
+    ),
     *CAPSULE_CASES,
 )
 

@@ -53,6 +53,7 @@ def fabric_parameters(system: FilamentSystem, plan: Plan) -> dict[str, float | i
         values |= _moved_cell(system, w)
     if w.periodic:
         values |= {"boundary_y": "p", "width_formula": "lx*ly/v_contact_length_um"}
+        values |= {"cell_x_um": w.size[0], "cell_y_um": w.size[1]}
     else:
         values |= {"boundary_y": "m", "width_formula": f"{w.size[1]!r}", "end_stiffness_nN_um": w.end_stiffness}
     return values
@@ -65,8 +66,6 @@ def _moved_cell(system: FilamentSystem, woven: Woven) -> dict[str, float | int |
         "cell": "moved",
         "boundary_z": "f",
         "preparation_steps": woven.preparation,
-        "cell_x_um": x,
-        "cell_y_um": y,
         "strain_x": woven.strain[0],
         "strain_y": woven.strain[1],
         "shear_rad": woven.shear,

@@ -1,4 +1,4 @@
-"""Planner of weaves whose tows are chains, one a round tow and a ribbon of them a flat one."""
+"""Planner of weaves at tow level: a round tow is one chain or rod, a flat one a ribbon of chains."""
 
 from __future__ import annotations
 
@@ -170,9 +170,9 @@ def _mean_rows(laws: tuple[ChainLaw, ChainLaw], of: str) -> tuple[tuple[float, f
 def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     """Plan of a weave whose tows are chains."""
     w = scene.weave
-    level = _level(scene)
-    choices.append(level)
     tows = tow_models(scene)
+    level = _level(scene, tows)
+    choices.append(level)
     spacing, choice = _spacing(scene)
     system = woven_system(scene, "tow", spacing)
     longest = float(np.max(system.bond_lengths()))
@@ -250,10 +250,17 @@ def _of_type(system: FilamentSystem, kind: int) -> np.ndarray:
     return np.asarray(system.filament_type[system.filament_of_bead[system.bonds()[:, 0]]] == kind)
 
 
-def _level(scene: Scene) -> Choice:
-    asked = scene.model.level
+def _level(scene: Scene, tows: tuple[TowModel, TowModel]) -> Choice:
+    """Chains unless rods are asked for, or a torsional rigidity, which chains have none of; InputError for flat rods."""
+    asked, flat = scene.model.level, any(t.chains > 1 for t in tows)
+    if asked == "rod" and flat:
+        expected = "'auto' or 'chain' for flat tows, ribbons of chains: a rod is round, and would roll as no flat tow can"
+        raise InputError("model.level", "rod", expected)
     if asked != "auto":
         return Choice("level", asked, "as asked in the scene")
+    given = [name for name, tow in (("tow", scene.weave.tow), ("weft", scene.weave.weft)) if tow.GJ is not None]
+    if given and not flat:
+        return Choice("level", "rod", f"assembly.{given[0]}.GJ is given: tows that twist and roll")
     return Choice("level", "chain", "stretch and bending of tows; twist and rolling of a tow are not asked for")
 
 
