@@ -608,9 +608,6 @@ def _check_woven(scene: Scene) -> None:
     if model.level in FLAT:
         expected = "'auto', 'chain' or 'rod' with assembly.kind = 'weave': its tows run along x and along y"
         raise refusal("model.level", model.level, expected)
-    if model.level == "rod" and contact.shape == "beads":
-        expected = "'auto' or 'capsule' with the rods of a weave: they need the plugin (cgfibre plugin status)"
-        raise refusal("contact.shape", "beads", expected)
     for key, usual in (("far_field", "none"), ("symmetry", "none"), ("torsion", None)):
         if getattr(model, key) not in (type(model).model_fields[key].default, usual):
             raise refusal(f"model.{key}", getattr(model, key), "no such key with assembly.kind = 'weave'")

@@ -94,7 +94,7 @@ def test_in_plane_and_laws_are_read():
         ({"ends.tension": "0.1 N"}, "ends", "a cell has no ends"),
         ({"platens.width": "1 mm"}, "platens", "platens cover all of a weave"),
         ({"platens.stop": {"displacement": "2.4 mm"}}, "platens.stop.displacement", "less than the thickness"),
-        ({"model.level": "section"}, "model.level", "'auto' or 'chain'"),
+        ({"model.level": "section"}, "model.level", "'auto', 'chain' or 'rod'"),
         ({"model.far_field": "graded"}, "model.far_field", "no such key"),
         ({"contact.law": "table"}, "contact.table", "a CSV file"),
         ({"contact.rise": "10 um"}, "contact.rise", "it belongs to law = 'exponential'"),

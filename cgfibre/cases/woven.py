@@ -1,4 +1,4 @@
-"""Woven tows against closed forms, through the decks of weaves: as arches between crossings, free of stress at the start.
+"""Woven tows against closed forms, through the decks of weaves: arches between crossings, free of stress at the start.
 
 Levels chain and rod; s/D is the bead spacing over the tow's diameter.
 """
@@ -27,7 +27,7 @@ DEEP = 0.05
 
 
 def woven(level: str, spacing: float) -> tuple[Plan, FilamentSystem]:
-    """Plan and system of a 2 x 2 cell, plain, of solid round nylon tows that stand a diameter apart where they cross."""
+    """Plan and system of a 2 x 2 cell, plain, of solid round nylon tows, a diameter apart where they cross."""
     data: dict[str, Any] = {
         "filament": {"material": "nylon"},
         "assembly": {

@@ -402,8 +402,8 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
     _check_upright(shape.segments[bonds[:, 0]])
     natural, segments = shape.positions, shape.segments
     positions, molecule, kind = system.positions, _molecules(system, plan), _kind_of_bead(system)
-    n, beads = system.n_beads, len(system.positions)
-    bond_kind = kind[bonds[:, 0]] + 1.0
+    n = system.n_beads
+    bond_kind: FloatArray = kind[bonds[:, 0]].astype(np.float64) + 1
     rest = system.bond_lengths() / (1 + strain)
     lighter = np.minimum(mass[bonds[:, 0]], mass[bonds[:, 1]])
     if plan.beads.support == "simple" and int(np.sum(plan.beads.role == LEFT)) == 1:
@@ -427,7 +427,6 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         molecule = np.concatenate([molecule, np.tile(np.arange(1, system.n_filaments + 1), 2)])
         kind = np.concatenate([kind, np.zeros(len(grips), dtype=np.int64)])
         segments = np.concatenate([segments, np.zeros((len(grips), 3))])
-        beads = n + len(grips)
     kinds, first_row = group_types(bond_kind, rest, lighter)
     gauge = every_bead(system, plan.beads.hinge)[angles[:, 1]] * ANGLE_GAUGE
     angle_kind, first_angle = group_types(gauge)

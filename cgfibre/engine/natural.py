@@ -1,7 +1,7 @@
 """The natural (stress-free) shape that rods are read in, before they are moved to where the scene starts.
 
 The engine's rods take their rest state from where their beads stand at the first run, none of them turned. What starts
-otherwise (stretched by an end load, woven in straight) is read in its natural shape and moved: by ``shift``, and turned.
+otherwise (stretched by an end load, woven in straight) is read in its natural shape, moved and turned.
 """
 
 from __future__ import annotations
@@ -41,49 +41,54 @@ def straight_shape(system: FilamentSystem) -> NaturalShape:
 
     Raises :class:`InputError` where closed tows of one direction are not equally long: no one cell holds them straight.
     """
-    vectors, lengths, bonds = system.bond_vectors(), system.bond_lengths(), system.bonds()
-    first = bonds[:, 0]
-    run = np.add.reduceat(vectors, np.searchsorted(first, system.first_beads), axis=0)
-    axis = np.argmax(np.abs(run[:, :2]), axis=1)
-    sign = np.sign(run[np.arange(len(run)), axis])
-    along = np.zeros((system.n_filaments, 3))
-    along[np.arange(len(run)), axis] = sign
-    straight = lengths[:, None] * along[system.filament_of_bead[first]]
-    box = system.box.copy()
-    positions = _laid_out(system, straight)
-    for k in np.flatnonzero(system.periodic[:2]):
-        mine = system.closed & (axis == k)
-        if not np.any(mine):
+    vectors, lengths = system.bond_vectors(), system.bond_lengths()
+    along = _directions(system, vectors)
+    straight = lengths[:, None] * along[system.bonds()[:, 0]]
+    positions, box = _laid_out(system, straight), system.box.copy()
+    total = np.bincount(system.filament_of_bead[system.bonds()[:, 0]], lengths, system.n_filaments)
+    for axis in range(3):
+        if not system.periodic[axis]:
+            room, own = float(np.max(system.diameter)), positions[:, axis]
+            box[axis] = min(box[axis, 0], own.min() - room), max(box[axis, 1], own.max() + room)
             continue
-        total = np.bincount(system.filament_of_bead[first], lengths, system.n_filaments)[mine]
-        if np.ptp(total) > ALIKE * total[0]:
+        mine = np.flatnonzero(along[system.first_beads, axis])
+        if not len(mine):
+            continue
+        if np.ptp(total[mine]) > ALIKE * total[mine[0]]:
             raise InputError(
                 "assembly.rest",
                 "woven-in",
-                f"'stress-free' at level rod (or level = 'chain'): tows of one direction are {total.min():.7g} to "
-                f"{total.max():.7g} um long, and no periodic cell holds all of them straight",
+                f"'stress-free' at level rod (or level = 'chain'): tows of one direction are {total[mine].min():.7g} "
+                f"to {total[mine].max():.7g} um long, and no periodic cell holds all of them straight",
             )
-        box[k] = box[k, 0], box[k, 0] + total[0]
+        box[axis, 1] = box[axis, 0] + total[mine[0]]
         # a quarter of a segment from the cell's edge: no bead may be wrapped to the other side before it is moved
-        for i in np.flatnonzero(mine):
+        for i in mine:
             beads = slice(system.filament_start[i], system.filament_start[i + 1])
-            own = positions[beads, k]
-            positions[beads, k] += box[k, 0] + 0.25 * lengths.min() - own.min()
-    for k in range(3):
-        if not system.periodic[k]:
-            room = float(np.max(system.diameter))
-            box[k] = min(box[k, 0], positions[:, k].min() - room), max(box[k, 1], positions[:, k].max() + room)
-    before = np.zeros_like(system.positions)
-    unit = vectors / lengths[:, None]
-    np.add.at(before, bonds[:, 0], unit)
-    np.add.at(before, bonds[:, 1], unit)
-    tangent = before / np.linalg.norm(before, axis=1)[:, None]
-    axes = along[system.filament_of_bead]
-    across = np.cross(axes, tangent)
-    sine, cosine = np.linalg.norm(across, axis=1), np.sum(axes * tangent, axis=1)
-    angle = np.arctan2(sine, cosine)
-    turn = across * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0)[:, None]
-    return NaturalShape(positions, _segments(system, straight), box, turn)
+            positions[beads, axis] += box[axis, 0] + 0.25 * lengths.min() - positions[beads, axis].min()
+    return NaturalShape(positions, _segments(system, straight), box, _turns(system, along, vectors))
+
+
+def _directions(system: FilamentSystem, vectors: FloatArray) -> FloatArray:
+    """(n_beads, 3) unit vector along x or y, or back, of the way that every bead's filament takes."""
+    bead, n = system.bonds()[:, 0], system.n_filaments
+    run = np.stack([np.bincount(system.filament_of_bead[bead], vectors[:, k], n) for k in (0, 1)], axis=1)
+    axis = np.argmax(np.abs(run), axis=1)
+    along = np.zeros((n, 3))
+    along[np.arange(n), axis] = np.sign(run[np.arange(n), axis])
+    return along[system.filament_of_bead]
+
+
+def _turns(system: FilamentSystem, along: FloatArray, vectors: FloatArray) -> FloatArray:
+    """(n_beads, 3) rad, the least turns from ``along`` to the mean directions of the segments beside the beads."""
+    bonds, unit = system.bonds(), vectors / np.linalg.norm(vectors, axis=1)[:, None]
+    tangent = np.zeros_like(along)
+    np.add.at(tangent, bonds[:, 0], unit)
+    np.add.at(tangent, bonds[:, 1], unit)
+    axis = np.cross(along, tangent)
+    sine = np.linalg.norm(axis, axis=1)
+    angle = np.arctan2(sine, np.sum(along * tangent, axis=1))
+    return axis * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0)[:, None]
 
 
 def axis_and_angle(turn: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-r"""A woven tow as an elastic curve z = A cos(k u), k = pi/p, through crossings p apart, against forces at its crossings.
+r"""A woven tow as an elastic curve z = A cos(k u), k = pi/p, against forces at its crossings, p apart.
 
 Units: um, nN; EI nN um2; EA, kGA nN. Tows that weave alike repeat: only the quarter wave from a crest (u = 0) to the
 middle between two crossings (u = p/2) is to be solved. There the fabric is point-symmetric: no moment, no displacement.
@@ -42,8 +42,8 @@ class WovenTow:
 def shallow_arch(tow: WovenTow, load: float) -> float:
     r"""Deflection of every crest (trough) under a force ``load`` nN down (up), at small slopes and loads, um.
 
-    The forces are the series (2 F/p) sum over odd n of cos(n k u); bending meets every term by EI (n k)^4, and the first
-    one, of the tow's own shape, also stretches it, the ends being held: EA A^2 k^4/2. With shear
+    The forces are the series (2 F/p) sum over odd n of cos(n k u); bending meets every term by EI (n k)^4, and the
+    first one, of the tow's own shape, also stretches it, the ends being held: EA A^2 k^4/2. With shear
 
     w = (2 F/p) [1/(k^4 (EI + EA A^2/2)) + (pi^4/96 - 1)/(EI k^4)] + F p/(4 kGA),
 
@@ -64,9 +64,9 @@ def arch(tow: WovenTow, load: float, *, dead: bool = False) -> tuple[float, floa
 
     EI (theta' - theta_0') = M, M' = z' R_x - x' R_z, (x', z') = (1 + R.t/EA) t + R.n/kGA n,
 
-    theta = 0 at the crest, M = 0 and x = p/2 between the crossings. ``dead``: the tow wants to be straight, and constant
-    forces make its shape free of load as built (chains at rest as built): EI theta' = M and R = (-T, F/2) - EI
-    theta_0'' n_0, which keeps its direction.
+    theta = 0 at the crest, M = 0 and x = p/2 between the crossings. ``dead``: the tow wants to be straight, and
+    constant forces make its shape free of load as built (chains at rest as built): EI theta' = M and R = (-T, F/2) -
+    EI theta_0'' n_0, which keeps its direction.
 
     By collocation; raises RuntimeError where that does not converge, InputError for what is not positive.
     """
@@ -85,7 +85,9 @@ def arch(tow: WovenTow, load: float, *, dead: bool = False) -> tuple[float, floa
     # lengths over p, moments over EI/p, forces over EI/p^2
     f, stretch, shear = float(F) / 2 * p**2 / EI, EI / (EA * p**2), EI / (kGA * p**2)
 
-    def inside(u: FloatArray, theta: FloatArray, thrust: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def inside(
+        u: FloatArray, theta: FloatArray, thrust: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Force (x, z) and what it is along and across the section."""
         x, z = np.full_like(u, -thrust), np.full_like(u, f)
         if dead:
@@ -112,7 +114,7 @@ def arch(tow: WovenTow, load: float, *, dead: bool = False) -> tuple[float, floa
     theta = tow.slope(v * p)
     guess = np.vstack([theta, natural(v * p)[0] * p * dead, v, A / p * (np.cos(np.pi * v) - 1)])
     solution = solve_bvp(slopes, ends, v, guess, p=[0.0], tol=1e-8, max_nodes=20000)
-    if not solution.success:
+    if not solution.success or solution.p is None:
         raise RuntimeError(f"arch: {solution.message}")
     height = -float(solution.y[3, -1]) * p
     return A - height, float(solution.p[0]) * EI / p**2

@@ -27,6 +27,7 @@ from cgfibre.plan.weave_common import (
     rest_choice,
     woven_plan,
 )
+from cgfibre.plan.woven_rods import left_out, level_of_tows, torsion_choices
 from cgfibre.scene import Scene
 
 #: part of the tow's thickness by which the chord of a segment may miss its centre line, and least segments a crossing
@@ -171,7 +172,7 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     """Plan of a weave whose tows are chains."""
     w = scene.weave
     tows = tow_models(scene)
-    level = _level(scene, tows)
+    level = level_of_tows(scene, tows)
     choices.append(level)
     spacing, choice = _spacing(scene)
     system = woven_system(scene, "tow", spacing)
@@ -187,11 +188,12 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     height = built_height(system)
     stops = planned_stop(scene, height, estimate)
     choices += [
-        Choice("chains", _chains(tows), "a round tow is one, a flat one a ribbon of parallel ones"),
+        Choice(f"{level.value}s", _chains(tows), "a round tow is one, a flat one a ribbon of parallel ones"),
         choice,
         Choice("contact law", _law(scene, modulus), "across a tow, between tows; platens meet half of that compliance"),
         friction(scene),
         rest_choice(scene, level.value),
+        *torsion_choices(scene, level.value, tows),
         *cell_choices(scene),
     ]
     axial = 1.0 if scene.model.axial_softening == "auto" else float(scene.model.axial_softening)
@@ -236,7 +238,7 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
         sampling=sampling,
         predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling),
         choices=tuple(choices),
-        omissions=_omissions(scene, tows),
+        omissions=_omissions(scene, tows, level.value),
         promise=(
             ErrorPart("platen speed", SPEED_ERROR * motion.eps * motion.pace, "inertia of the fabric"),
             ErrorPart("bead spacing", SPACING_ERROR, "chords in place of curved tows"),
@@ -248,20 +250,6 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
 def _of_type(system: FilamentSystem, kind: int) -> np.ndarray:
     """(n_bonds,) bool: bonds of filaments of a type."""
     return np.asarray(system.filament_type[system.filament_of_bead[system.bonds()[:, 0]]] == kind)
-
-
-def _level(scene: Scene, tows: tuple[TowModel, TowModel]) -> Choice:
-    """Chains unless rods are asked for, or a torsional rigidity, which chains have none of; InputError for flat rods."""
-    asked, flat = scene.model.level, any(t.chains > 1 for t in tows)
-    if asked == "rod" and flat:
-        expected = "'auto' or 'chain' for flat tows, ribbons of chains: a rod is round, and would roll as no flat tow can"
-        raise InputError("model.level", "rod", expected)
-    if asked != "auto":
-        return Choice("level", asked, "as asked in the scene")
-    given = [name for name, tow in (("tow", scene.weave.tow), ("weft", scene.weave.weft)) if tow.GJ is not None]
-    if given and not flat:
-        return Choice("level", "rod", f"assembly.{given[0]}.GJ is given: tows that twist and roll")
-    return Choice("level", "chain", "stretch and bending of tows; twist and rolling of a tow are not asked for")
 
 
 def _chains(tows: tuple[TowModel, TowModel]) -> str:
@@ -291,14 +279,14 @@ def _platens(scene: Scene, contact: Contact, mass: float) -> Platens:
     )
 
 
-def _omissions(scene: Scene, tows: tuple[TowModel, TowModel]) -> tuple[Omission, ...]:
+def _omissions(scene: Scene, tows: tuple[TowModel, TowModel], level: str) -> tuple[Omission, ...]:
     left = [
         Omission(
             "filaments inside a tow",
             "a tow is as stiff across as its law says, wherever it is pressed",
-            "that of the law: a tow widens under load, which no chain does",
+            "that of the law: a tow widens under load, which no chain or rod does",
         ),
-        Omission("twist and rolling of tows", "beads of a chain do not spin", "small where tows cross in a fabric"),
+        *left_out(level, "tows"),
         Omission("gravity, adhesion, moisture", "small beside contact forces", "below 1e-3 of the force"),
     ]
     if any(t.chains > 1 for t in tows):
