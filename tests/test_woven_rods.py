@@ -1,5 +1,7 @@
 """Weaves whose tows or filaments are rods."""
 
+import math
+
 import numpy as np
 import pytest
 import tomli_w
@@ -7,6 +9,8 @@ from test_weave_scene import changed
 
 from cgfibre import workflow
 from cgfibre.build.weave import TowShape, WeaveSpec, tow_system
+from cgfibre.cases.experiment import moved, run
+from cgfibre.cases.rods import AWAY, D, filament
 from cgfibre.engine.assemble import assemble
 from cgfibre.engine.dump import read_record, read_states
 from cgfibre.engine.lammps import find_engine, run_deck
@@ -14,6 +18,7 @@ from cgfibre.engine.natural import axis_and_angle, natural_shape, straight_shape
 from cgfibre.engine.plugin import find_plugin
 from cgfibre.errors import EngineError, InputError
 from cgfibre.measure.compaction import thickness_at_pressure
+from cgfibre.mechanics import rod
 from cgfibre.mechanics.woven_tow import WovenTow, arch, shallow_arch
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.system import build_system
@@ -157,6 +162,28 @@ def test_an_arch_meets_a_beam_of_two_half_spans_and_the_stretch_of_its_own_shape
     # constant forces are as good as a natural shape, to the strain of the tow
     limp = WovenTow(5000.0, 600.0, EA=1e9, EI=1e9 * 300)
     assert arch(limp, 1e5, dead=True)[0] == pytest.approx(arch(limp, 1e5)[0], rel=1e-3)
+
+
+@with_plugin
+def test_the_plugin_tells_what_rods_store(tmp_path):
+    """Twisted by 0.05 rad a segment, stretched by 1e-3, sheared by 2e-3 without a turn of any bead."""
+    plan, system = filament("rod, capsules", 1.0, 16.0)
+    f, n, s, twist, stretch, shear = system.types[0], system.n_beads, D, 0.05, 1e-3, 2e-3
+    commands = [
+        f"variable turned atom {math.degrees(twist)}*(id-1)*(id<={n})",
+        f"variable longer atom {1 + stretch}*x",
+        f"variable higher atom {shear}*x*(id<={n})",
+        "set group all quat 1 0 0 v_turned x v_longer z v_higher",
+        'fix probe all ave/time 1 1 1 c_elastic c_elastic[*] file probe.txt format " %.17g"',
+    ]
+    out = run(tmp_path, system, moved(plan, 1e-9, 20, sample=20), commands, **AWAY)
+    total, *parts, roll, most = out.rows("probe.txt")[0, 1:]
+    c = rod.rod_coefficients(s, f.EA, f.EI, f.GJ, f.kGA)
+    longer = np.hypot(1 + stretch, shear) - 1
+    exact = np.array([c.kr * (longer * s) ** 2, c.ks * (s * (1 + longer) * np.arctan(shear)) ** 2, 0, c.kt * twist**2])
+    np.testing.assert_allclose(parts, (n - 1) * exact / 2, rtol=2e-3, atol=2e-3 * exact[3])
+    assert total == pytest.approx(sum(parts))
+    assert roll == pytest.approx((n - 1) * twist, rel=1e-6) and most == pytest.approx(twist, rel=1e-4)
 
 
 # --- runs ------------------------------------------------------------------------------------------------------------

@@ -51,10 +51,10 @@ def left_out(level: str, what: str) -> tuple[Omission, ...]:
             Omission(
                 f"resistance of {what} to rolling",
                 "round sections roll on lines, they do not flatten",
-                f"{what} roll a little too far where friction and their twist let them",
+                f"{what} turn too easily; limp ones do so in place of sliding, and feel no friction",
             ),
         )
-    error = "0.03 % in thickness, 0.4 % where tows are so limp that friction turns their sections (level = 'rod')"
+    error = "0.03 % in thickness, 0.6 % where tows are so limp that friction turns their sections (level = 'rod')"
     if what == "filaments":
         error = "0.4 % in thickness; filaments roll by up to 0.5 rad (level = 'rod', at twice the cost)"
     return (
