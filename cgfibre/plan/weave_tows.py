@@ -16,6 +16,7 @@ from cgfibre.plan.contact import CAPSULE_DAMPING, TANGENTIAL_RATIO, damping_rati
 from cgfibre.plan.cost import predicted_seconds
 from cgfibre.plan.model import Choice, Contact, ErrorPart, Omission, Plan, Platens
 from cgfibre.plan.pressing import REFERENCE_LOAD, plan_pressing
+from cgfibre.plan.ribbons import plan_ribbon, ribbon_bound
 from cgfibre.plan.tow_law import STIFFNESS, ChainLaw, chain_law, tow_law
 from cgfibre.plan.tows import TowModel, greatest_curvature, tow_models, woven_system
 from cgfibre.plan.weave_common import (
@@ -203,7 +204,13 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     platens = _platens(scene, contact, min(t.chain.mass_per_length for t in tows))
     pair, wall = (max(law.slope(stops.depth)[k] for law in laws) for k in (0, 1))
     touching = Touching(PAIRS, pair, wall, contact.gamma, platens.gamma)
-    beads, limit = chain_beads(system, touching, axial, level.value)
+    ribbon, joints = None, np.zeros(system.n_beads)
+    if level.value == "chain":
+        ribbon, more = plan_ribbon(scene, system, tows, law, stops.depth, axial)
+        choices += more
+    if ribbon is not None:
+        joints = np.sum(ribbon_bound(system, ribbon), axis=0)
+    beads, limit = chain_beads(system, touching, axial, level.value, joints)
     timestep, step = checked_step(scene, limit)
     choices.append(step)
     mass = float(np.sum(beads.mass))
@@ -242,6 +249,7 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
             ErrorPart("bead spacing", SPACING_ERROR, "chords in place of curved tows"),
         ),
         woven=woven,
+        ribbon=ribbon,
     )
 
 
