@@ -31,9 +31,9 @@ class Rungs:
 class Turns:
     """Turns of chains in the ribbon's plane as built.
 
-    ``beads`` (n, 4): before, at and behind on a chain, and the one that a rung leads to from "at"; ``span`` (n,) um, mean
-    of the two chords; ``turn`` (n,) rad, (t2 - t1) . e of the unit vectors of chords and rung; ``share`` (n,) um of the
-    tow, an equal part a chain, so that a tow's shares add up to its length; ``kind`` (n,) type of filament.
+    ``beads`` (n, 4): before, at and behind on a chain, and the one that a rung leads to from "at"; ``span`` (n,) um,
+    mean of the two chords; ``turn`` (n,) rad, (t2 - t1) . e of the unit vectors of chords and rung; ``share`` (n,) um
+    of the tow, an equal part a chain, so that a tow's shares add up to its length; ``kind`` (n,) type of filament.
     """
 
     beads: IntArray

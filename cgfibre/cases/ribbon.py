@@ -93,8 +93,8 @@ def station(plan: Plan, name: str, *x: float) -> str:
 
 
 def beam(segments: int, spacing: float, EI: float, more: float, reach: int) -> float:
-    """Deflection (um/nN) of the tips of two cantilevers back to back, ``segments`` long each, under a force on each tip,
-    as the deck's beads have it.
+    """Deflection (um/nN) of the tips of two cantilevers back to back, ``segments`` long each, under a force on each
+    tip, as the deck's beads have it.
 
     Hinges EI/s at every bead, and turns over chords of ``reach`` segments with stiffness ``more`` s/h^2.
     """
@@ -142,10 +142,10 @@ def cantilevers(folder: Path, level: str, spacing: float, way: str = "z", reach:
 
 
 def twisted(folder: Path, level: str, spacing: float) -> list[Measured]:
-    """Couples at the ends of a free ribbon: it turns by T L/GJ, at every spacing; chains, free to slide, add nothing."""
+    """Couples at the ends of a free ribbon: it turns by T L/GJ, at every spacing; chains that may slide add nothing."""
     plan, system, rigid = ribbon(spacing, LENGTH)
     L, width = LENGTH * D, (CHAINS - 1) * APART
-    angle = 0.01
+    angle = 1e-3
     pull = angle * rigid.twist / L / width
     n = len(plan.beads.stations)
     last = (CHAINS - 1) * n
@@ -167,14 +167,19 @@ def twisted(folder: Path, level: str, spacing: float) -> list[Measured]:
 def held_and_twisted(folder: Path, level: str, spacing: float) -> list[Measured]:
     """Energy of a ribbon that is given an even twist, its chains' ends at their distance: int M dtau over its length.
 
-    A fifth of it from chains that become helices (Wagner), the rest from GJ.
+    A fifth of it from chains that become helices (Wagner), the rest from GJ. The beads at the ends have no hinges: half
+    a segment of the bending is missing at each.
     """
     plan, system, rigid = ribbon(spacing, LENGTH)
     f, L = system.types[0], LENGTH * D
     twist = 0.5 * math.sqrt(4 * rigid.twist / (f.EA * float(np.sum(OFFSETS**4))))
     steps = np.linspace(0, twist, 2001)
-    moment = twisting_moment(steps, rigid.twist, OFFSETS, f.EA, rigid.within / CHAINS)
-    exact = float(np.trapezoid(moment, steps)) * L
+
+    def energy(GJ: float, EA: float, EI: float) -> float:
+        return float(np.trapezoid(twisting_moment(steps, GJ, OFFSETS, EA, EI), steps)) * L
+
+    exact = energy(rigid.twist, f.EA, rigid.within / CHAINS)
+    stated = -energy(0.0, 0.0, rigid.within / CHAINS) * spacing / LENGTH / exact
     commands = [
         f"variable offset atom {APART:.17g}*(mol-{(CHAINS + 1) / 2:g})",
         f"variable turned_y atom v_offset*cos({twist:.17g}*x)",
@@ -184,8 +189,9 @@ def held_and_twisted(folder: Path, level: str, spacing: float) -> list[Measured]
         'print "$(c_stored:%.17g)" file energy.txt',
     ]
     out = run(folder, system, moved(plan, 1e-9, 20, sample=20), commands, **AWAY)
-    energy = float(out.rows("energy.txt")[0, 0])
-    return [Measured("ribbon twisted, ends held", level, spacing, "energy", "nN um", energy, exact, out.time.cpu)]
+    found = float(out.rows("energy.txt")[0, 0])
+    case = "ribbon twisted, ends held"
+    return [Measured(case, level, spacing, "energy", "nN um", found, exact, out.time.cpu, stated)]
 
 
 def let_go(folder: Path, level: str, spacing: float, refine: int = 1) -> list[Measured]:
@@ -215,9 +221,10 @@ def let_go(folder: Path, level: str, spacing: float, refine: int = 1) -> list[Me
     ]
 
 
-def crooked(folder: Path, spacing: float, reach: int, ranks: int = 1) -> tuple[FloatArray, FloatArray]:
-    """((n_beads, 3) positions, forces) of a ribbon all of whose beads are displaced by up to 1 um at random."""
-    plan, system, _ = ribbon(spacing, LENGTH, reach)
+def crooked(
+    folder: Path, plan: Plan, system: FilamentSystem, size: float = 1.0, ranks: int = 1
+) -> tuple[FloatArray, FloatArray]:
+    """((n_beads, 3) positions, forces nN) of a free ribbon whose beads are displaced by up to ``size`` um at random."""
     out = run_on(
         ranks,
         folder,
@@ -226,13 +233,18 @@ def crooked(folder: Path, spacing: float, reach: int, ranks: int = 1) -> tuple[F
         [
             "unfix hold_left",
             "unfix hold_right",
-            "unfix end_load",
-            "unfix drag",
-            "displace_atoms all random 1 1 1 4711",
+            f"displace_atoms all random {size} {size} {size} 4711",
             "dump forces all custom 20 forces.txt id xu yu zu fx fy fz",
             'dump_modify forces sort id format float "%.17g"',
         ],
-        {**AWAY, "platen_friction": 0.0},
+        AWAY,
     )
     rows = states(out.folder / "forces.txt")[0]
     return rows[:, :3], rows[:, 3:]
+
+
+def joints_alone(plan: Plan, system: FilamentSystem) -> tuple[Plan, FilamentSystem]:
+    """The same without a stiffness of the chains themselves: forces are those of the joints."""
+    f = system.types[0]
+    hinge = np.zeros_like(plan.beads.hinge)
+    return replace(plan, beads=replace(plan.beads, hinge=hinge)), replace(system, types=(replace(f, EA=1e-30),))

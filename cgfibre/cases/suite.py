@@ -18,6 +18,7 @@ from cgfibre.cases import (
     contact,
     friction,
     invariants,
+    ribbon,
     rods,
 )
 from cgfibre.cases.experiment import Measured
@@ -263,6 +264,41 @@ CAPSULE_CASES: tuple[Case, ...] = (
     ),
 )
 
+RIBBONS: Any = {"levels": ("chain, capsules",), "spacings": (1.0, 2.0, 4.0), "quick": (4.0,)}
+#: flat tows as ribbons of joined chains
+RIBBON_CASES: tuple[Case, ...] = (
+    Case("ribbon bent out of its plane", ribbon.cantilevers, {"deflection": SETTLED}, **RIBBONS),
+    *(
+        Case(
+            f"ribbon bent in its plane, chords of {reach}",
+            _part(ribbon.cantilevers, way="y", reach=reach),
+            {"deflection": SETTLED},
+            **RIBBONS,
+        )
+        for reach in (1, 3)
+    ),
+    Case("ribbon twisted", ribbon.twisted, {"turn": Limit(1e-5, "exact; settling")}, **RIBBONS),
+    Case(
+        "ribbon twisted, ends held",
+        ribbon.held_and_twisted,
+        {"energy": Limit(2e-3, "helices of (y tau)^2 = 3e-3; their chords", order=float("nan"))},
+        **RIBBONS,
+    ),
+    Case(
+        "ribbon let go",
+        ribbon.let_go,
+        {
+            "drift": Limit(
+                1e-5, "leapfrog's own energy differs by (omega dt)^2/8 of its fastest modes'", order=float("nan")
+            ),
+            "scatter of energy": Limit(
+                2e-5, "leapfrog's own energy differs by (omega dt)^2/8 of its fastest modes'", order=float("nan")
+            ),
+        },
+        **RIBBONS,
+    ),
+)
+
 CASES: tuple[Case, ...] = (
     Case("axial", rods.axial, {"elongation": EXACT}, quick=(1.0,)),
     Case(
@@ -454,6 +490,7 @@ CASES: tuple[Case, ...] = (
     ),
     Case("frame", invariants.frame, FRAME, quick=(2.0,)),
     *CAPSULE_CASES,
+    *RIBBON_CASES,
 )
 
 

@@ -33,7 +33,7 @@ def joined(system: FilamentSystem, plan: Plan) -> tuple[Elements | None, list[To
     if len(twists.beads):
         degrees = np.degrees(twists.rest) + 180.0  # K (1 + cos(phi - d)) is least at phi = d - 180
         kind, first = group_types(twists.stiffness, degrees)
-        rows = [(1, float(twists.stiffness[i]), 1, float(degrees[i])) for i in first]
+        rows: list[tuple[float, ...]] = [(1, float(twists.stiffness[i]), 1, float(degrees[i])) for i in first]
         topologies.append(Topology("Dihedral", twists.beads, kind, rows, "fourier"))
         parameters["torsion"] = "ribbon"
     if len(turns.beads):

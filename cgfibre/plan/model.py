@@ -292,9 +292,9 @@ class Plan:
     ``depth`` um is the length a section stands for (0 for the other levels); ``springs`` (nN/um, nN um/rad) its
     springs, for small deflections and turns; ``spring_law`` their law for large ones, where it is wanted;
     ``disc_fixes``: "plugin" or "engine", whose fixes hold them; ``stiffen``: their contacts may become so many times
-    stiffer; ``discs`` what discs that stand for many filaments are (None: each is a filament); ``ribbon`` what joins the
-    chains of flat tows (None: nothing); ``free_span`` um the length that bends beside a finite platen; ``timestep`` us; ``drag`` nN us/um and ``turning_drag`` nN um us of the
-    background on a contact bead.
+    stiffer; ``discs`` what discs that stand for many filaments are (None: each is a filament); ``ribbon`` what joins
+    the chains of flat tows (None: nothing); ``free_span`` um the length that bends beside a finite platen; ``timestep``
+    us; ``drag`` nN us/um and ``turning_drag`` nN um us of the background on a contact bead.
     """
 
     level: str

@@ -1,4 +1,4 @@
-"""What joins the chains of flat tows: how stiff rungs, turns in the plane and twist are, and what that costs the step."""
+"""What joins the chains of flat tows: how stiff rungs, turns in the plane and twist are, what it costs the step."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class Elements:
-    """Bonded elements of ribbons: (n, 2 or 4) ``beads``, ``stiffness`` (n,) nN/um or nN um, value at ``rest`` (n,) um or
-    rad: energy stiffness/2 (value - rest)^2, for twist stiffness (1 - cos(value - rest))."""
+    """Bonded elements of ribbons: (n, 2 or 4) ``beads``, ``stiffness`` (n,) nN/um or nN um, value at ``rest`` (n,) um
+    or rad: energy stiffness/2 (value - rest)^2, for twist stiffness (1 - cos(value - rest))."""
 
     beads: IntArray
     stiffness: FloatArray
@@ -36,9 +36,9 @@ class Elements:
 def ribbon_elements(system: FilamentSystem, ribbon: Ribbon) -> tuple[Elements, Elements, Elements]:
     """(rungs, turns, twists) of a system's ribbons, at rest as built.
 
-    A rung stands for a share ds of the tow's length: (E t) ds/w between chains w apart, E t the modulus across times the
-    thickness. A turn over chords of span h measures the curvature as turn/h: (EI_in_plane - EI) ds/h^2, as much in every
-    chain. Twist over a gap s: GJ/s, shared among the pairs of neighbours.
+    A rung stands for a share ds of the tow's length: (E t) ds/w between chains w apart, E t the modulus across times
+    the thickness. A turn over chords of span h measures the curvature as turn/h: (EI_in_plane - EI) ds/h^2, as much in
+    every chain. Twist over a gap s: GJ/s, shared among the pairs of neighbours.
     """
     across = rungs(system)
     membrane, bending, torsion = (np.array(x) for x in (ribbon.across, ribbon.bending, ribbon.twist))
@@ -57,7 +57,7 @@ def _clean(angle: FloatArray) -> FloatArray:
 
 
 def ribbon_bound(system: FilamentSystem, ribbon: Ribbon) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Stiffness (n_beads,) that rungs, turns and twists add to each bead, nN/um: omega^2 <= max of all sums over masses.
+    """Stiffness (n_beads,) that rungs, turns, twists add to each bead, nN/um: omega^2 <= max of all sums over masses.
 
     Absolute row sums (Gershgorin): K |g_i| sum_j |g_j| over elements, g_i the gradient of the element's value at bead
     i: 1 of a rung; 1/l1, 1/l1 + 1/l2, 1/l2 of a turn over chords l1, l2, and |t2 - t1|/w of a rung w long that it
@@ -77,12 +77,13 @@ def ribbon_bound(system: FilamentSystem, ribbon: Ribbon) -> tuple[FloatArray, Fl
     sums = []
     for element, g in zip((across, turn, twist), gradients, strict=True):
         rows = element.stiffness[:, None] * g * np.sum(g, axis=1)[:, None]
-        sums.append(np.bincount(element.beads.reshape(-1), rows.reshape(-1), system.n_beads))
+        total = np.bincount(element.beads.reshape(-1), rows.reshape(-1), system.n_beads)
+        sums.append(total.astype(np.float64, copy=False))
     return sums[0], sums[1], sums[2]
 
 
 def across_modulus(law: TowLaw, tow: TowModel, overlap: float) -> float:
-    """Modulus of a tow across itself, kPa: pressure over strain of two tows that share an ``overlap`` um, 2 t p/overlap.
+    """Modulus of a tow across itself, kPa: E = 2 t p/overlap, of two tows that share an ``overlap`` um.
 
     Where the law has no force there: that of its last row.
     """
@@ -113,7 +114,7 @@ def plan_ribbon(
     lengths, kind = system.bond_lengths(), system.filament_type[system.filament_of_bead]
     shortest = [float(np.min(lengths[kind[system.bonds()[:, 0]] == k])) for k in (0, 1)]
     stretch = [4 * t.chain.EA / softening / s for t, s in zip(tows, shortest, strict=True)]
-    more = [t.EI_in_plane - t.whole.EI for t in tows]
+    more = [t.EI_in_plane - t.whole.EI if _asked(scene) else 0.0 for t in tows]
     ribbon = Ribbon(
         across=tuple(across_modulus(law, t, overlap) * t.shape.thickness for t in tows),
         bending=tuple(x if x > NOTICEABLE * t.whole.EI else 0.0 for x, t in zip(more, tows, strict=True)),
@@ -132,6 +133,12 @@ def plan_ribbon(
         _bending_choice(scene, system, tows, ribbon, flat),
         _twist_choice(tows, flat),
     ]
+
+
+def _asked(scene: Scene) -> bool:
+    """Whether the scene gives bending in the plane of its tows, or moves its cell so that they might bend there."""
+    w = scene.weave
+    return any(t.EI_in_plane is not None for t in (w.tow, w.weft)) or not scene.in_plane.at_rest
 
 
 def _reach(system: FilamentSystem, ribbon: Ribbon, k: int, most: float) -> tuple[int, ...]:
@@ -175,7 +182,7 @@ def _bending_choice(
         return f"EI {t.whole.EI * 1e-15:.3g} out of it, {t.EI_in_plane * 1e-15:.3g} N mm2 in it"
 
     if not any(ribbon.bending[k] > 0 for k in flat):
-        return Choice("bending in the ribbons' plane", _both(flat, rigidity), "that of filaments which slide: chains have it")
+        return Choice("bending in the ribbons' plane", "as out of it", _without(tows, flat))
     lengths, w = system.bond_lengths(), scene.weave
     span = float(np.max(lengths)) * max(ribbon.reach)
     wave = 2 * min(w.spacing.warp, w.spacing.weft)
@@ -183,9 +190,17 @@ def _bending_choice(
     return Choice(
         "bending in the ribbons' plane",
         _both(flat, rigidity),
-        f"improper_style ribbon, turns over chords of {max(ribbon.reach)} segments ({span:.3g} um), which keeps the time "
-        f"step; that takes {loss:.1%} off bends {wave:.4g} um long",
+        f"improper_style ribbon, turns over chords of {max(ribbon.reach)} segments ({span:.3g} um), which keeps the "
+        f"time step; that takes {loss:.1%} off bends {wave:.4g} um long",
     )
+
+
+def _without(tows: tuple[TowModel, TowModel], flat: list[int]) -> str:
+    """Why no more than the chains' own EI resists bending in the plane."""
+    if all(tows[k].EI_in_plane <= tows[k].whole.EI * (1 + NOTICEABLE) for k in flat):
+        return "that of filaments which slide past each other is the same both ways: the chains have it"
+    solid = _both(flat, lambda k: f"{tows[k].EI_in_plane / tows[k].whole.EI:.3g} times more")
+    return f"a solid tow has {solid}, but platens on a held cell bend none (EI_in_plane asks for it, [cell] too)"
 
 
 def _twist_choice(tows: tuple[TowModel, TowModel], flat: list[int]) -> Choice:

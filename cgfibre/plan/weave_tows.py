@@ -13,8 +13,8 @@ from cgfibre.build.system import FilamentSystem
 from cgfibre.mechanics.contact import damping_coefficient
 from cgfibre.plan.common import checked_step, friction
 from cgfibre.plan.contact import CAPSULE_DAMPING, TANGENTIAL_RATIO, damping_ratio
-from cgfibre.plan.cost import predicted_seconds
-from cgfibre.plan.model import Choice, Contact, ErrorPart, Omission, Plan, Platens
+from cgfibre.plan.cost import joint_cost, predicted_seconds
+from cgfibre.plan.model import Choice, Contact, ErrorPart, Omission, Plan, Platens, Ribbon
 from cgfibre.plan.pressing import REFERENCE_LOAD, plan_pressing
 from cgfibre.plan.ribbons import plan_ribbon, ribbon_bound
 from cgfibre.plan.tow_law import STIFFNESS, ChainLaw, chain_law, tow_law
@@ -204,12 +204,11 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     platens = _platens(scene, contact, min(t.chain.mass_per_length for t in tows))
     pair, wall = (max(law.slope(stops.depth)[k] for law in laws) for k in (0, 1))
     touching = Touching(PAIRS, pair, wall, contact.gamma, platens.gamma)
-    ribbon, joints = None, np.zeros(system.n_beads)
+    ribbon = None
     if level.value == "chain":
         ribbon, more = plan_ribbon(scene, system, tows, law, stops.depth, axial)
         choices += more
-    if ribbon is not None:
-        joints = np.sum(ribbon_bound(system, ribbon), axis=0)
+    joints = 0.0 if ribbon is None else np.sum(ribbon_bound(system, ribbon), axis=0)
     beads, limit = chain_beads(system, touching, axial, level.value, joints)
     timestep, step = checked_step(scene, limit)
     choices.append(step)
@@ -241,9 +240,9 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
         platens=platens,
         motion=motion,
         sampling=sampling,
-        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling),
+        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling, joint_cost(ribbon)),
         choices=tuple(choices),
-        omissions=_omissions(scene, tows),
+        omissions=_omissions(scene, tows, ribbon),
         promise=(
             ErrorPart("platen speed", SPEED_ERROR * motion.eps * motion.pace, "inertia of the fabric"),
             ErrorPart("bead spacing", SPACING_ERROR, "chords in place of curved tows"),
@@ -262,7 +261,11 @@ def _level(scene: Scene) -> Choice:
     asked = scene.model.level
     if asked != "auto":
         return Choice("level", asked, "as asked in the scene")
-    return Choice("level", "chain", "stretch and bending of tows; twist and rolling of a tow are not asked for")
+    return Choice(
+        "level",
+        "chain",
+        "stretch and bending of tows, twist of flat ones; twist and rolling of round ones do not count",
+    )
 
 
 def _chains(tows: tuple[TowModel, TowModel]) -> str:
@@ -292,22 +295,33 @@ def _platens(scene: Scene, contact: Contact, mass: float) -> Platens:
     )
 
 
-def _omissions(scene: Scene, tows: tuple[TowModel, TowModel]) -> tuple[Omission, ...]:
+def _omissions(scene: Scene, tows: tuple[TowModel, TowModel], ribbon: Ribbon | None) -> tuple[Omission, ...]:
     left = [
         Omission(
             "filaments inside a tow",
             "a tow is as stiff across as its law says, wherever it is pressed",
             "that of the law: a tow widens under load, which no chain does",
-        ),
-        Omission("twist and rolling of tows", "beads of a chain do not spin", "small where tows cross in a fabric"),
-        Omission("gravity, adhesion, moisture", "small beside contact forces", "below 1e-3 of the force"),
+        )
     ]
-    if any(t.chains > 1 for t in tows):
+    if any(t.chains == 1 for t in tows):
+        left.append(
+            Omission("twist and rolling of tows", "beads of a chain do not spin", "small where tows cross in a fabric")
+        )
+    left.append(Omission("gravity, adhesion, moisture", "small beside contact forces", "below 1e-3 of the force"))
+    if ribbon is not None:
         left.append(
             Omission(
-                "bending of a flat tow in its plane",
-                "its parallel chains are not joined",
-                "none under platens; shear of the fabric meets too little resistance",
+                "stiffness of a flat tow against sliding of its chains and bending across its width",
+                "loose filaments do both",
+                "a solid tow's shear and the bending of its section are missing",
+            )
+        )
+    elif any(t.chains > 1 for t in tows):
+        left.append(
+            Omission(
+                "bending of a flat tow in its plane, and its twist",
+                "parallel chains are joined at level chain alone",
+                "chains between crossings drift from each other",
             )
         )
     return tuple(left)
