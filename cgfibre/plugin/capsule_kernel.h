@@ -1,5 +1,5 @@
 // The kernels of capsule_lanes.h for WIDTH lanes a register. Included once by each capsule_lanes_*.cpp, which sets WIDTH,
-// KERNELS and what the compiler may use; nothing here may be shared between them, hence the unnamed namespace, and no
+// KERNELS, KERNEL_LANES and what the compiler may use; nothing here may be shared between them, hence the unnamed namespace, and no
 // template of the standard library.
 
 #include "capsule_lanes.h"
@@ -339,8 +339,8 @@ template <bool SPIN> LANE_INLINE void press_group(PressLanes &all, int first, co
       force[3][d] += pairB[d] * Binverse;
     }
   }
-  for (int n_ = 0; n_ < 4; n_++)
-    for (int d = 0; d < 3; d++) keep(all.force[n_][d] + first, force[n_][d]);
+  for (int bead = 0; bead < 4; bead++)
+    for (int d = 0; d < 3; d++) keep(all.force[bead][d] + first, force[bead][d]);
   keep(all.normal + first, sum);
   keep(all.length + first, hi - lo);
   keep(all.distance + first, least);
@@ -382,6 +382,6 @@ void press_spin(PressLanes &all)
 
 }    // namespace
 
-const LaneKernels KERNELS = {KERNEL_NAME, meet, press, press_spin};
+const LaneKernels KERNELS = {KERNEL_LANES, meet, press, press_spin};
 
 }    // namespace cgfibre

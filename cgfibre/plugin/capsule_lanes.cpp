@@ -4,20 +4,24 @@
 #include "vector3.h"
 
 #include <cmath>
+#include <cstdlib>
+#include <cstring>
 
 namespace cgfibre {
 
-const LaneKernels &lanes()
+const LaneKernels *lane_kernels()
 {
+  const LaneKernels *known[3] = {nullptr, nullptr, &LANES_BASE};
 #ifdef __x86_64__
-  static const LaneKernels &best = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
-          __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("fma")
-      ? LANES_AVX512
-      : (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") ? LANES_AVX2 : LANES_BASE);
-  return best;
-#else
-  return LANES_BASE;
+  const bool fma = __builtin_cpu_supports("fma");
+  if (fma && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
+    known[0] = &LANES_AVX512;
+  if (fma && __builtin_cpu_supports("avx2")) known[1] = &LANES_AVX2;
 #endif
+  const char *asked = std::getenv("CGFIBRE_LANES");
+  for (const LaneKernels *one : known)
+    if (one && (!asked || std::strcmp(asked, one->lanes) == 0)) return one;
+  return nullptr;
 }
 
 void law_of_lanes(PressLanes &all, int point, int first, int count, const double *overlap, const double *size, double *elastic)

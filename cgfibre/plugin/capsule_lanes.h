@@ -1,7 +1,7 @@
 // Contacts of smooth filaments eight at a time, on the widest vector registers that the processor has.
 //
-// The kernels (capsule_kernel.h) are compiled once for each set of instructions; `lanes()` names the best ones. A lane's
-// result does not depend on what the others hold, nor on its place.
+// The kernels (capsule_kernel.h) are compiled once for each set of instructions. A lane's result does not depend on what
+// the others hold, nor on its place.
 
 #ifndef CGFIBRE_CAPSULE_LANES_H
 #define CGFIBRE_CAPSULE_LANES_H
@@ -50,14 +50,16 @@ struct PressLanes {
 };
 
 struct LaneKernels {
-  const char *name;
+  const char *lanes;    // a register: two, four, eight
   unsigned (*meet)(MeetLanes &);    // bits of the lanes that meet
   void (*press)(PressLanes &);
   void (*press_spin)(PressLanes &);    // with couples on beads that turn
 };
 
 extern const LaneKernels LANES_BASE, LANES_AVX2, LANES_AVX512;
-const LaneKernels &lanes();
+// the widest that this processor has, or what the environment variable CGFIBRE_LANES names (two, four, eight: the same
+// rounding on machines of different kinds); null where this processor has not got that
+const LaneKernels *lane_kernels();
 
 // lane by lane what has no vector form: other laws than the line law, Hertz' shape, directions of axes that meet
 void law_of_lanes(PressLanes &, int point, int first, int count, const double *overlap, const double *size, double *elastic);

@@ -11,7 +11,7 @@
 #endif
 #define WIDTH 4
 #define KERNELS LANES_AVX2
-#define KERNEL_NAME "four lanes"
+#define KERNEL_LANES "four"
 #include "capsule_kernel.h"
 #ifdef __clang__
 #pragma clang attribute pop

@@ -11,7 +11,7 @@
 #endif
 #define WIDTH 8
 #define KERNELS LANES_AVX512
-#define KERNEL_NAME "eight lanes"
+#define KERNEL_LANES "eight"
 #include "capsule_kernel.h"
 #ifdef __clang__
 #pragma clang attribute pop

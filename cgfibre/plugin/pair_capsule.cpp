@@ -15,6 +15,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
 
 using namespace LAMMPS_NS;
@@ -26,7 +27,7 @@ constexpr double NONE_CLOSE = 1e20;
 
 }    // namespace
 
-PairCapsule::PairCapsule(LAMMPS *lmp) : Pair(lmp), reach(0.0), spin(false), chain(nullptr), store(nullptr), stale(true), warned(false)
+PairCapsule::PairCapsule(LAMMPS *lmp) : Pair(lmp), reach(0.0), spin(false), kernels(lane_kernels()), chain(nullptr), store(nullptr), stale(true), warned(false)
 {
   single_enable = 1;
   restartinfo = 0;    // the deck gives pair_style and pair_coeff again after read_restart
@@ -120,6 +121,9 @@ void PairCapsule::init_style()
 {
   if (!atom->radius_flag) error->all(FLERR, "pair_style capsule needs the radius of every bead (atom_style sphere)");
   if (!force->newton_pair) error->all(FLERR, "pair_style capsule needs newton on for pairs");
+  if (!kernels)
+    error->all(FLERR, "environment variable CGFIBRE_LANES is {}, expected two, four or eight, as this processor has",
+               getenv("CGFIBRE_LANES"));
   chain = FixSegments::of(lmp);
   // there must be a box first
   if (!store) store = FixHistory::create(lmp, "CGFIBRE_CAPSULE", HISTORY, this);
@@ -344,9 +348,9 @@ void PairCapsule::press(PressLanes &all, int count) const
     for (int n = 0; n < 4; n++) all.omega[n][l] = all.omega[n][0];
   }
   if (spin)
-    lanes().press_spin(all);
+    kernels->press_spin(all);
   else
-    lanes().press(all);
+    kernels->press(all);
 }
 
 CapsuleContact PairCapsule::contact_of(const PressLanes &all, int lane) const
@@ -403,7 +407,7 @@ void PairCapsule::sort_out(bool advance)
     meeting.A[l] = meeting.A[0];
     meeting.B[l] = meeting.B[0];
   }
-  const unsigned met = lanes().meet(meeting);
+  const unsigned met = kernels->meet(meeting);
   for (int l = 0; l < candidate_count; l++) {
     const Waiting &pair = candidates[l];
     const int k = pair.partner;
@@ -421,7 +425,10 @@ void PairCapsule::sort_out(bool advance)
       held[k] = 0;
       continue;
     }
-    if (advance && !held[k]) inherit(pair.master, k);
+    if (advance && !held[k]) {
+      add_loads(advance);    // the springs of the row before this one, as they are after this step on any number of ranks
+      inherit(pair.master, k);
+    }
     fill(pressing, touching_count, pair, meeting.lo[l], meeting.hi[l], h);
     touching[touching_count++] = pair;
     if (touching_count == LANES) add_loads(advance);
@@ -558,7 +565,7 @@ bool PairCapsule::look(int m, int k, CapsuleContact &contact)
     pair.A[l] = &segments[masters[m]];
     pair.B[l] = &segments[partners[k]];
   }
-  if (!(lanes().meet(pair) & 1)) return false;
+  if (!(kernels->meet(pair) & 1)) return false;
   double kept[HISTORY];
   std::copy(&history[(size_t) k * HISTORY], &history[(size_t) (k + 1) * HISTORY], kept);
   PressLanes one;

@@ -5,7 +5,7 @@
 // bead: the plane that halves the angle of its two segments), so no stretch counts twice or not at all. The force per
 // length is the normal law at the overlap there, integrated in closed limits (where overlap and planes begin and end) by
 // two Gauss points: exact for the linear law, parallel and crossing alike. One friction spring a pair of segments acts at
-// the middle of the force on the surface.
+// the middle of the force on the surface. Pairs are worked through eight at a time (capsule_lanes.h).
 
 #ifndef CGFIBRE_PAIR_CAPSULE_H
 #define CGFIBRE_PAIR_CAPSULE_H
@@ -86,6 +86,7 @@ class PairCapsule : public LAMMPS_NS::Pair, public HistoryOwner {
   std::vector<Coefficients> coefficients;    // of pairs of types
   std::vector<char> active;                  // types whose segments touch
 
+  const LaneKernels *kernels;
   FixSegments *chain;
   FixHistory *store;
   std::vector<Segment> segments;      // that are in some pair
