@@ -1,6 +1,5 @@
 #include "about.h"
 
-#include "capsule_lanes.h"
 #include "guard.h"
 
 #include "comm.h"
@@ -17,9 +16,8 @@ void About::command(int narg, char **)
   int one = 1, ranks = 0;
   MPI_Allreduce(&one, &ranks, 1, MPI_INT, MPI_SUM, world);
   if (comm->me == 0)
-    utils::logmesg(lmp, "cgfibre plugin: sources {}, built for LAMMPS {} with {}, on {} of {} ranks, contacts by {} a register\n",
-                   CGFIBRE_SOURCES, CGFIBRE_LAMMPS_VERSION, mpi_here(), ranks, comm->nprocs,
-                   lane_kernels() ? lane_kernels()->lanes : "none");
+    utils::logmesg(lmp, "cgfibre plugin: sources {}, built for LAMMPS {} with {}, on {} of {} ranks\n", CGFIBRE_SOURCES,
+                   CGFIBRE_LAMMPS_VERSION, mpi_here(), ranks, comm->nprocs);
 }
 
 }    // namespace cgfibre

@@ -124,6 +124,7 @@ void PairCapsule::init_style()
   if (!kernels)
     error->all(FLERR, "environment variable CGFIBRE_LANES is {}, expected two, four or eight, as this processor has",
                getenv("CGFIBRE_LANES"));
+  if (!chain && comm->me == 0) utils::logmesg(lmp, "pair_style capsule: contacts by {} a register\n", kernels->lanes);
   chain = FixSegments::of(lmp);
   // there must be a box first
   if (!store) store = FixHistory::create(lmp, "CGFIBRE_CAPSULE", HISTORY, this);
