@@ -131,7 +131,7 @@ def energy_of(system, elements):
 
 
 def crooked(tmp_path, ranks=1, size=1.0, shape=None):
-    """Positions and forces of a ribbon's joints alone, all beads displaced; turns over three segments."""
+    """Positions, forces and virial of a ribbon's joints alone, all beads displaced; turns over three segments."""
     plan, system, _ = ribbon.ribbon(2.0, ribbon.LENGTH, 3)
     if shape is not None:
         system = replace(system, positions=shape(system.positions))
@@ -141,13 +141,16 @@ def crooked(tmp_path, ranks=1, size=1.0, shape=None):
 
 @needs_plugin
 def test_forces_of_joints_are_the_gradient_of_their_energy_and_leave_nothing_over(tmp_path):
-    system, plan, x, force = crooked(tmp_path)
+    system, plan, x, force, virial = crooked(tmp_path)
     assert np.ptp(x - system.positions) > 1.5
     elements = ribbon_elements(system, plan.ribbon)
     moved_system = replace(system, positions=x)
     largest = np.max(np.abs(force))
     assert np.allclose(np.sum(force, axis=0), 0, atol=1e-12 * largest)
     assert np.allclose(np.sum(np.cross(x - x.mean(axis=0), force), axis=0), 0, atol=1e-12 * largest * np.ptp(x))
+    moment = x.T @ force
+    stress = np.append(np.diag(moment), moment[(0, 0, 1), (1, 2, 2)])
+    assert np.allclose(virial, stress, rtol=0, atol=1e-10 * np.max(np.abs(stress)))
     h = 1e-4
     for bead, axis in ((0, 0), (25, 1), (30, 2), (45, 0), (62, 1), (7, 2)):
         step = np.zeros_like(x)
@@ -155,7 +158,7 @@ def test_forces_of_joints_are_the_gradient_of_their_energy_and_leave_nothing_ove
         up, down = (energy_of(replace(moved_system, positions=x + s * step), elements) for s in (1, -1))
         assert force[bead, axis] == pytest.approx(-(up - down) / (2 * h), rel=1e-5, abs=1e-7 * largest)
     # and two ranks find them too
-    _, _, same, others = crooked(tmp_path, ranks=2)
+    _, _, same, others, _ = crooked(tmp_path, ranks=2)
     assert np.array_equal(same, x) and np.allclose(others, force, rtol=0, atol=1e-11 * largest)
 
 
@@ -168,8 +171,8 @@ def test_a_ribbon_of_any_shape_is_at_rest_as_built(tmp_path):
         a = 2e-3 * x
         return np.column_stack([x, 1e-3 * x**2 + y * np.cos(a), 2e-3 * x**2 + y * np.sin(a)])
 
-    system, _, _, rest = crooked(tmp_path / "rest", size=0.0, shape=shape)
-    _, _, _, off = crooked(tmp_path / "off", size=1e-2, shape=shape)
+    system, _, _, rest, _ = crooked(tmp_path / "rest", size=0.0, shape=shape)
+    _, _, _, off, _ = crooked(tmp_path / "off", size=1e-2, shape=shape)
     assert np.max(np.abs(rest)) < 1e-5 * np.max(np.abs(off))  # types agree in ten digits
     assert np.ptp(turns(system, rungs(system), (3,)).turn) > 0.05 and np.max(twists(system, rungs(system)).twist) > 0.02
 

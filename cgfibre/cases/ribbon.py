@@ -223,8 +223,9 @@ def let_go(folder: Path, level: str, spacing: float, refine: int = 1) -> list[Me
 
 def crooked(
     folder: Path, plan: Plan, system: FilamentSystem, size: float = 1.0, ranks: int = 1
-) -> tuple[FloatArray, FloatArray]:
-    """((n_beads, 3) positions, forces nN) of a free ribbon whose beads are displaced by up to ``size`` um at random."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """((n_beads, 3) positions um, forces nN; virial xx, yy, zz, xy, xz, yz nN um) of a free ribbon whose beads are
+    displaced by up to ``size`` um at random."""
     out = run_on(
         ranks,
         folder,
@@ -236,11 +237,15 @@ def crooked(
             f"displace_atoms all random {size} {size} {size} 4711",
             "dump forces all custom 20 forces.txt id xu yu zu fx fy fz",
             'dump_modify forces sort id format float "%.17g"',
+            "compute virial all pressure NULL bond angle dihedral improper",
+            "run 0 post no",
+            'print "$(vol*c_virial[1]:%.17g) $(vol*c_virial[2]:%.17g) $(vol*c_virial[3]:%.17g) &\n'
+            '  $(vol*c_virial[4]:%.17g) $(vol*c_virial[5]:%.17g) $(vol*c_virial[6]:%.17g)" file virial.txt',
         ],
         AWAY,
     )
     rows = states(out.folder / "forces.txt")[0]
-    return rows[:, :3], rows[:, 3:]
+    return rows[:, :3], rows[:, 3:], out.rows("virial.txt")[0]
 
 
 def joints_alone(plan: Plan, system: FilamentSystem) -> tuple[Plan, FilamentSystem]:

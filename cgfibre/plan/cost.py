@@ -29,7 +29,7 @@ START = 0.3  # seconds to start the engine and read the assembly
 
 
 #: more a bead and step where chains are joined by rungs and twist, and where they have turns in their plane too
-RUNGS, TURNS = 3e-8, 9e-8
+RUNGS, TURNS = 3e-8, 4e-8
 
 
 def joint_cost(ribbon: Ribbon | None) -> float:
