@@ -1,6 +1,6 @@
 // The kernels of capsule_lanes.h for WIDTH lanes a register. Included once by each capsule_lanes_*.cpp, which sets WIDTH,
-// KERNELS, KERNEL_LANES and what the compiler may use; nothing here may be shared between them, hence the unnamed namespace, and no
-// template of the standard library.
+// KERNELS, KERNEL_LANES and what the compiler may use; nothing here may be shared between them, hence the unnamed
+// namespace, and no template of the standard library.
 
 #include "capsule_lanes.h"
 #include "crossing_law.h"
