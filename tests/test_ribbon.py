@@ -22,7 +22,7 @@ from cgfibre.plan.make import make_plan
 from cgfibre.plan.ribbons import ribbon_bound, ribbon_elements
 from cgfibre.plan.system import build_system
 from cgfibre.plan.tows import second_moments, tow_models
-from cgfibre.scene import scene_from_dict
+from cgfibre.scene_reading import scene_from_dict
 
 needs_plugin = pytest.mark.skipif(find_plugin(find_engine()) is None, reason="weaves need the plugin")
 

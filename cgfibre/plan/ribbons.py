@@ -201,7 +201,7 @@ def _without(tows: tuple[TowModel, TowModel], flat: list[int]) -> str:
         return "that of filaments which slide past each other is the same both ways: the chains have it"
     solid = _both(flat, lambda k: f"{tows[k].EI_in_plane / tows[k].whole.EI:.3g} times more")
     return (
-        f"a solid tow has {solid}, but platens on a held cell hardly bend it so (1e-4 of the thickness of carbon-satin); "
+        f"a solid tow has {solid}, but platens on a held cell bend it little (1e-4 of the thickness of carbon-satin); "
         "EI_in_plane asks for it, [cell] too"
     )
 
