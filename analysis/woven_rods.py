@@ -18,7 +18,7 @@ from cgfibre.measure.compaction import thickness_at_pressure
 from cgfibre.mechanics.woven_tow import WovenTow, arch
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.system import build_system
-from cgfibre.scene import joined_overrides, load_scene
+from cgfibre.scene_reading import joined_overrides, load_scene
 
 AT = np.array([0.05, 0.1, 0.2])  # MPa
 SLOW = ["platens.stop.pressure=0.205 MPa", "model.accuracy=0.0125"]

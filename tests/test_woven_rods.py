@@ -22,7 +22,7 @@ from cgfibre.mechanics import rod
 from cgfibre.mechanics.woven_tow import WovenTow, arch, shallow_arch
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.system import build_system
-from cgfibre.scene import scene_from_dict
+from cgfibre.scene_reading import scene_from_dict
 
 with_plugin = pytest.mark.skipif(find_plugin(find_engine()) is None, reason="weaves need the plugin")
 ROD = {"model.level": "rod"}

@@ -18,6 +18,7 @@ from cgfibre.cases import (
     contact,
     friction,
     invariants,
+    ribbon,
     rods,
     woven,
 )
@@ -271,7 +272,44 @@ CAPSULE_CASES: tuple[Case, ...] = (
             "linear, change": Limit(1e-12, "pair forces: rounding"),
             "angular, change": Limit(1e-11, "pair forces and torques: rounding"),
         },
-        **CAPSULES,
+        CAPSULES["levels"],
+        (1.0, 2.0, 4.0),  # filaments of 16 D
+        (4.0,),
+    ),
+)
+
+RIBBONS: Any = {"levels": ("chain, capsules",), "spacings": (1.0, 2.0, 4.0), "quick": (4.0,)}
+#: flat tows as ribbons of joined chains
+RIBBON_CASES: tuple[Case, ...] = (
+    Case("ribbon bent out of its plane", ribbon.cantilevers, {"deflection": SETTLED}, **RIBBONS),
+    *(
+        Case(
+            f"ribbon bent in its plane, chords of {reach}",
+            _part(ribbon.cantilevers, way="y", reach=reach),
+            {"deflection": SETTLED},
+            **RIBBONS,
+        )
+        for reach in (1, 3)
+    ),
+    Case("ribbon twisted", ribbon.twisted, {"turn": Limit(1e-5, "exact; settling")}, **RIBBONS),
+    Case(
+        "ribbon twisted, ends held",
+        ribbon.held_and_twisted,
+        {"energy": Limit(2e-3, "helices of (y tau)^2 = 3e-3; their chords", order=float("nan"))},
+        **RIBBONS,
+    ),
+    Case(
+        "ribbon let go",
+        ribbon.let_go,
+        {
+            "drift": Limit(
+                1e-5, "leapfrog's own energy differs by (omega dt)^2/8 of its fastest modes'", order=float("nan")
+            ),
+            "scatter of energy": Limit(
+                2e-5, "leapfrog's own energy differs by (omega dt)^2/8 of its fastest modes'", order=float("nan")
+            ),
+        },
+        **RIBBONS,
     ),
 )
 
@@ -480,6 +518,7 @@ CASES: tuple[Case, ...] = (
         quick=(0.5, 1.0),
     ),
     *CAPSULE_CASES,
+    *RIBBON_CASES,
 )
 
 

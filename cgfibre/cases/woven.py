@@ -19,7 +19,7 @@ from cgfibre.mechanics.woven_tow import WovenTow, arch
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.model import Plan
 from cgfibre.plan.system import build_system
-from cgfibre.scene import scene_from_dict
+from cgfibre.scene_reading import scene_from_dict
 
 D, SPACING = 300.0, 6000.0  # um, of the tows and from crossing to crossing
 #: deflection of an arch over its height

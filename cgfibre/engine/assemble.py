@@ -15,6 +15,7 @@ from cgfibre.engine.datafile import DataFile, Topology, group_types
 from cgfibre.engine.fabric import fabric_parameters, rest_forces
 from cgfibre.engine.mirror import right_half
 from cgfibre.engine.natural import axis_and_angle, natural_shape, straight_shape
+from cgfibre.engine.ribbon import joined, longest_joint, with_rungs
 from cgfibre.engine.subbundle import law_files
 from cgfibre.errors import InputError
 from cgfibre.mechanics.elastica import SpringLaw
@@ -261,10 +262,7 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
     kind_of_bond = system.filament_type[system.filament_of_bead[bonds[:, 0]]]
     EA = np.array([t.EA for t in types])[kind_of_bond] / plan.axial_softening
     rest = system.bond_lengths() / (1 + _strain(system, plan))
-    bond_kind, first = group_types(EA / (2 * rest), rest)
-    bond = Topology(
-        "Bond", bonds, bond_kind, [(float(EA[i] / (2 * rest[i])), float(rest[i])) for i in first], "harmonic"
-    )
+    rungs, joints, joint_parameters = joined(system, plan)
     stiffness = every_bead(system, plan.beads.hinge)[angles[:, 1]]
     style = "cosine"
     rows: list[tuple[float, ...]]
@@ -279,7 +277,8 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
         angle_kind, first = group_types(stiffness)
         rows = [(float(stiffness[i]),) for i in first]
     limit = plan.timestep_limit
-    topologies = [bond, Topology("Angle", angles, angle_kind, rows, style)]
+    topologies = [with_rungs(bonds, EA / (2 * rest), rest, rungs), Topology("Angle", angles, angle_kind, rows, style)]
+    topologies += joints
     if plan.torsion == "dihedral":
         limit = _dihedral_step(system, plan, bend, mass)
         topologies.append(_dihedrals(system))
@@ -319,7 +318,7 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
         "end_load_nN": plan.beads.end_load,
         "boundary_x": "p" if plan.beads.closed else "m",
     }
-    parameters |= fabric_parameters(system, plan)
+    parameters |= fabric_parameters(system, plan) | joint_parameters
     if plan.beads.support == "symmetric":
         parameters |= {"mirror": 2, "plane_x_um": float(plan.beads.stations[1])}
     if plan.beads.support == "condensed":
@@ -329,9 +328,11 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
 
 def _ghost_cutoff(system: FilamentSystem, plan: Plan) -> float:
     """Reach of ghost beads, um. With a far field ranks share the filaments out across y and z, never along x, so its
-    long bonds need no reach. Segments that touch want to know the ones behind and before them too."""
+    long bonds need no reach. Segments that touch want to know the ones behind and before them too, ribbons the beads
+    that they join."""
     spacings = CAPSULE_GHOST_SPACINGS if plan.contact.per_length else GHOST_SPACINGS
-    return spacings * plan.spacing + float(np.max(system.diameter)) + 2.0
+    of_joints = 1.1 * longest_joint(system, plan) + (plan.woven.skin if plan.woven else 0.0)
+    return max(spacings * plan.spacing + float(np.max(system.diameter)), of_joints) + 2.0
 
 
 def _check_curved(bend: FloatArray) -> None:

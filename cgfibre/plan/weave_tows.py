@@ -13,9 +13,10 @@ from cgfibre.build.system import FilamentSystem
 from cgfibre.mechanics.contact import damping_coefficient
 from cgfibre.plan.common import checked_step, friction
 from cgfibre.plan.contact import CAPSULE_DAMPING, TANGENTIAL_RATIO, damping_ratio
-from cgfibre.plan.cost import predicted_seconds
-from cgfibre.plan.model import Choice, Contact, ErrorPart, Omission, Plan, Platens
+from cgfibre.plan.cost import joint_cost, predicted_seconds
+from cgfibre.plan.model import Choice, Contact, ErrorPart, Omission, Plan, Platens, Ribbon
 from cgfibre.plan.pressing import REFERENCE_LOAD, plan_pressing
+from cgfibre.plan.ribbons import plan_ribbon, ribbon_bound
 from cgfibre.plan.tow_law import STIFFNESS, ChainLaw, chain_law, tow_law
 from cgfibre.plan.tows import TowModel, greatest_curvature, tow_models, woven_system
 from cgfibre.plan.weave_common import (
@@ -169,7 +170,7 @@ def _mean_rows(laws: tuple[ChainLaw, ChainLaw], of: str) -> tuple[tuple[float, f
 
 
 def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
-    """Plan of a weave whose tows are chains."""
+    """Plan of a weave whose tows are chains or rods."""
     w = scene.weave
     tows = tow_models(scene)
     level = level_of_tows(scene, tows)
@@ -205,7 +206,12 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     platens = _platens(scene, contact, min(t.chain.mass_per_length for t in tows))
     pair, wall = (max(law.slope(stops.depth)[k] for law in laws) for k in (0, 1))
     touching = Touching(PAIRS, pair, wall, contact.gamma, platens.gamma)
-    beads, limit = chain_beads(system, touching, axial, level.value)
+    ribbon = None
+    if level.value == "chain":
+        ribbon, more = plan_ribbon(scene, system, tows, law, stops.depth, axial)
+        choices += more
+    joints = 0.0 if ribbon is None else np.sum(ribbon_bound(system, ribbon), axis=0)
+    beads, limit = chain_beads(system, touching, axial, level.value, joints)
     timestep, step = checked_step(scene, limit)
     choices.append(step)
     mass = float(np.sum(beads.mass))
@@ -236,14 +242,15 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
         platens=platens,
         motion=motion,
         sampling=sampling,
-        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling),
+        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling, joint_cost(ribbon)),
         choices=tuple(choices),
-        omissions=_omissions(scene, tows, level.value),
+        omissions=_omissions(scene, tows, ribbon, level.value),
         promise=(
             ErrorPart("platen speed", SPEED_ERROR * motion.eps * motion.pace, "inertia of the fabric"),
             ErrorPart("bead spacing", SPACING_ERROR, "chords in place of curved tows"),
         ),
         woven=woven,
+        ribbon=ribbon,
     )
 
 
@@ -279,22 +286,33 @@ def _platens(scene: Scene, contact: Contact, mass: float) -> Platens:
     )
 
 
-def _omissions(scene: Scene, tows: tuple[TowModel, TowModel], level: str) -> tuple[Omission, ...]:
+def _omissions(
+    scene: Scene, tows: tuple[TowModel, TowModel], ribbon: Ribbon | None, level: str
+) -> tuple[Omission, ...]:
     left = [
         Omission(
             "filaments inside a tow",
             "a tow is as stiff across as its law says, wherever it is pressed",
             "that of the law: a tow widens under load, which no chain or rod does",
-        ),
-        *left_out(level, "tows"),
-        Omission("gravity, adhesion, moisture", "small beside contact forces", "below 1e-3 of the force"),
+        )
     ]
-    if any(t.chains > 1 for t in tows):
+    if any(t.chains == 1 for t in tows):
+        left += left_out(level, "tows")
+    left.append(Omission("gravity, adhesion, moisture", "small beside contact forces", "below 1e-3 of the force"))
+    if ribbon is not None:
         left.append(
             Omission(
-                "bending of a flat tow in its plane",
-                "its parallel chains are not joined",
-                "none under platens; shear of the fabric meets too little resistance",
+                "stiffness of a flat tow against sliding of its chains and bending across its width",
+                "loose filaments do both",
+                "a solid tow's shear and the bending of its section are missing",
+            )
+        )
+    elif any(t.chains > 1 for t in tows):
+        left.append(
+            Omission(
+                "bending of a flat tow in its plane, and its twist",
+                "parallel chains are joined at level chain alone",
+                "chains between crossings drift from each other",
             )
         )
     return tuple(left)

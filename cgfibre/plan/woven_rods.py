@@ -22,7 +22,9 @@ def level_of_tows(scene: Scene, tows: tuple[TowModel, TowModel]) -> Choice:
     given = [name for name, tow in (("tow", scene.weave.tow), ("weft", scene.weave.weft)) if tow.GJ is not None]
     if given and not flat:
         return Choice("level", "rod", f"assembly.{given[0]}.GJ is given, which chains would leave out")
-    why = "stretch and bending; round tows of a fabric hardly twist or roll (0.03 % in thickness, at twice the cost)"
+    why = "round tows of a fabric hardly twist or roll (0.03 % in thickness, at twice the cost)"
+    if flat:
+        why = "stretch and bending of tows, twist of flat ones"
     return Choice("level", "chain", why)
 
 

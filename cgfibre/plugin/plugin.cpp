@@ -8,6 +8,7 @@
 #include "fix_wall_capsule.h"
 #include "fix_wall_granular_table.h"
 #include "guard.h"
+#include "improper_ribbon.h"
 #include "pair_capsule.h"
 #include "pair_granular_table.h"
 
@@ -39,6 +40,7 @@ const Entry entries[] = {
     {"fix", "disc/support", "springs, drag of the discs of a section", nullptr, &create_of<cgfibre::FixDiscSupport>},
     {"compute", "capsule/local", "contacts of pair capsule", nullptr, &create_of<cgfibre::ComputeCapsuleLocal>},
     {"compute", "rod/energy", "elastic energy of rods", nullptr, &create_of<cgfibre::ComputeRodEnergy>},
+    {"improper", "ribbon", "bending of a ribbon in its plane", &create<cgfibre::ImproperRibbon>, nullptr},
     {"fix", "CGFIBRE/SEGMENTS", "which bead follows which", nullptr, &create_of<cgfibre::FixSegments>},
     {"fix", "CGFIBRE/HISTORY", "histories of contacts", nullptr, &create_of<cgfibre::FixHistory>},
 };
