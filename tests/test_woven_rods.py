@@ -81,7 +81,7 @@ FLAT = {"section": "lenticular", "width": "4.5 mm", "thickness": "0.5 mm", "fila
 @pytest.mark.parametrize(
     ("changes", "key", "expected"),
     [
-        ({"assembly.tow": FLAT}, "model.level", "flat tows"),
+        ({"assembly.tow": FLAT}, "model.level", "wider than 1.5"),
         ({"model.resolve": "filament", "contact.shape": "beads"}, "contact.shape", "rods of a weave"),
     ],
 )  # fmt: skip

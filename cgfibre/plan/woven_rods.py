@@ -7,24 +7,26 @@ from cgfibre.plan.model import Choice, Omission
 from cgfibre.plan.tows import TowModel
 from cgfibre.scene import Scene
 
+#: width over thickness up to which a tow may be a rod: wider ones do not roll on a radius of half their thickness
+ROUND = 1.5
+
 
 def level_of_tows(scene: Scene, tows: tuple[TowModel, TowModel]) -> Choice:
     """Chains unless rods are asked for, or a torsional rigidity is given to round tows, which no chain would heed;
     InputError for rods of flat tows."""
-    asked, flat = scene.model.level, any(t.chains > 1 for t in tows)
+    asked = scene.model.level
+    flat = any(t.chains > 1 or t.shape.width > ROUND * t.shape.thickness for t in tows)
     if asked == "rod" and flat:
-        expected = (
-            "'auto' or 'chain' for flat tows, ribbons of chains: a rod is round, and would roll as no flat tow can"
-        )
+        expected = f"'auto' or 'chain' for tows wider than {ROUND:g} thicknesses: a rod is round and rolls, they cannot"
         raise InputError("model.level", "rod", expected)
     if asked != "auto":
         return Choice("level", asked, "as asked in the scene")
     given = [name for name, tow in (("tow", scene.weave.tow), ("weft", scene.weave.weft)) if tow.GJ is not None]
     if given and not flat:
         return Choice("level", "rod", f"assembly.{given[0]}.GJ is given, which chains would leave out")
-    why = "round tows of a fabric hardly twist or roll (0.03 % in thickness, at twice the cost)"
+    why = "round tows of a fabric hardly twist or roll (rods: 0.03 % in thickness, at twice the cost)"
     if flat:
-        why = "stretch and bending of tows, twist of flat ones"
+        why = "stretch and bending of tows, twist of ribbons; flat tows do not roll"
     return Choice("level", "chain", why)
 
 
