@@ -39,6 +39,8 @@ FAST = 1.5
 SLIDE_LIMIT = 0.15
 #: largest turn of a section's disc on the engine's own fixes: its spring's torque k sin(turn) is then 4 % below k turn
 TURN_LIMIT = 0.5
+#: largest roll of a rod, rad: beyond half a turn it is not told from one the other way
+ROLL_LIMIT = 3.1
 #: approach over D at which the line contact's theory ends: b/R = 0.58 at 10 N/mm of carbon, 6 % soft there
 APPROACH_LIMIT = 0.25
 #: the same of soft tows over their thickness: half of it
@@ -347,6 +349,10 @@ def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> l
                 f"a disc turned by {turn:.2g} rad (limit {TURN_LIMIT} rad): its torsional spring is too soft there",
             )
         )
+    if plan.level == "rod" and plan.contact.per_length:
+        roll, name = float(np.max(extremes.turn)), "roll of rods"
+        message = f"{name}: a bead turned by up to {roll:.2g} rad about its axis (limit {ROLL_LIMIT} rad: half a turn)"
+        found.append(Guard(name, roll <= ROLL_LIMIT, roll, ROLL_LIMIT, message))
     return found
 
 

@@ -203,9 +203,10 @@ class Tow(Table):
     """``[assembly.tow]``: section and constants of the tows; ``[assembly.weft]`` overrides it for the weft.
 
     ``filaments`` of the scene's ``[filament]`` give the tow its EA, EI and GJ as so many that slide past each other.
-    ``modulus`` makes it a solid of the section instead (EA = E A, EI = E I, about both axes); ``EA``, ``EI``,
-    ``EI_in_plane``, ``GJ`` override each. ``ribbons``: chains side by side that stand for a flat tow. ``twist`` and
-    ``packing`` are those of the filaments where they are modelled.
+    ``modulus`` makes it a solid of the section instead (EA = E A, EI = E I about both axes, GJ = G J); ``EA``, ``EI``,
+    ``EI_in_plane``, ``GJ`` override each. ``EI_in_plane``, of a flat tow in its plane, is EI where that is given or
+    the tow is one of loose filaments; it is used where it is given, or the cell is moved in its plane. ``ribbons``:
+    chains side by side that stand for a flat tow. ``twist`` and ``packing`` are those of filaments that are modelled.
     """
 
     section: Literal["circular", "elliptic", "lenticular", "rectangular", "racetrack"] = "circular"

@@ -14,7 +14,7 @@ from cgfibre.plan.tow_law import ChainLaw, TowLaw, chain_law, crossing_law, tow_
 from cgfibre.plan.tows import second_moments, tow_models
 from cgfibre.plan.weave_filaments import FibreMat
 from cgfibre.plan.weave_tows import fabric
-from cgfibre.scene import load_scene, scene_from_dict
+from cgfibre.scene_reading import load_scene, scene_from_dict
 
 
 def crossing_force(law, overlap, diameter):
@@ -149,6 +149,8 @@ def test_plans_say_what_the_other_resolution_would_be():
     scene = scene_from_dict(changed({"assembly.tow": flat}))
     plan = make_plan(scene)
     other = other_levels(scene, plan)
-    assert list(other) == ["filament"] and other["filament"].n_filaments == 16 > plan.n_filaments
+    assert list(other) == ["rod", "filament"] and other["filament"].n_filaments == 16 > plan.n_filaments
+    assert other["rod"].key == "model.level"  # too flat to roll
     solid = scene_from_dict(changed({"assembly.tow": {"thickness": "1.2 mm", "modulus": "1 GPa"}}))
-    assert other_levels(solid, make_plan(solid))["filament"].key == "assembly.tow.filaments"
+    other = other_levels(solid, make_plan(solid))
+    assert other["filament"].key == "assembly.tow.filaments" and other["rod"].level == "rod"

@@ -13,7 +13,7 @@ from cgfibre.engine.plugin import find_plugin
 from cgfibre.errors import EngineError, InputError
 from cgfibre.measure.compaction import thickness_at_pressure
 from cgfibre.plan.make import make_plan
-from cgfibre.scene import load_scene
+from cgfibre.scene_reading import load_scene
 from cgfibre.store import read_results
 
 pytestmark = pytest.mark.skipif(find_plugin(find_engine()) is None, reason="weaves need the plugin")

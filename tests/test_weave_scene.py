@@ -7,8 +7,8 @@ from scene_tables import ABSENT, with_changes
 from cgfibre.build import weave
 from cgfibre.errors import InputError
 from cgfibre.plan.make import make_plan
-from cgfibre.scene import load_scene, scene_from_dict
 from cgfibre.scene_assembly import interlacing
+from cgfibre.scene_reading import load_scene, scene_from_dict
 
 WEAVE = {
     "filament": {"material": "nylon"},
@@ -94,7 +94,7 @@ def test_in_plane_and_laws_are_read():
         ({"ends.tension": "0.1 N"}, "ends", "a cell has no ends"),
         ({"platens.width": "1 mm"}, "platens", "platens cover all of a weave"),
         ({"platens.stop": {"displacement": "2.4 mm"}}, "platens.stop.displacement", "less than the thickness"),
-        ({"model.level": "section"}, "model.level", "'auto' or 'chain'"),
+        ({"model.level": "section"}, "model.level", "'auto', 'chain' or 'rod'"),
         ({"model.far_field": "graded"}, "model.far_field", "no such key"),
         ({"contact.law": "table"}, "contact.table", "a CSV file"),
         ({"contact.rise": "10 um"}, "contact.rise", "it belongs to law = 'exponential'"),

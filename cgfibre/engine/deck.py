@@ -71,7 +71,8 @@ def write_deck(folder: Path, deck: str, parameters: Mapping[str, float | int | s
 
 DECK_README = """{about}
 
-This folder is a complete LAMMPS deck; it needs LAMMPS with the packages MOLECULE, GRANULAR and BPM, and no Python.
+This folder is a complete LAMMPS deck; it needs LAMMPS with the packages MOLECULE, GRANULAR and BPM
+(for twist of curved filaments and of flat tows EXTRA-MOLECULE), and no Python.
 
     lmp -in {deck}
     mpiexec -n 2 lmp -in {deck}

@@ -50,15 +50,20 @@ def fabric_box(system: FilamentSystem, plan: Plan) -> FloatArray:
 
     Beads on the boundary of a tilted box change sides with rounding, which a checkpoint does not repeat.
     """
-    if plan.woven is None or not plan.woven.periodic or plan.woven.shear == 0:
-        return system.box
     box = system.box.copy()
-    box[:2] -= CORNER * float(np.min(system.bond_lengths()))
+    box[:2] += _corner(system, plan)
     return box
 
 
-def fabric_parameters(system: FilamentSystem, plan: Plan) -> dict[str, float | int | str]:
-    """Parameters of a deck of a weave; none for a bundle."""
+def _corner(system: FilamentSystem, plan: Plan) -> float:
+    """x and y of the corner of a periodic cell, um."""
+    if plan.woven is None or not plan.woven.periodic or plan.woven.shear == 0:
+        return 0.0
+    return -CORNER * float(np.min(system.bond_lengths()))
+
+
+def fabric_parameters(system: FilamentSystem, plan: Plan, box: FloatArray) -> dict[str, float | int | str]:
+    """Parameters of a deck of a weave that starts from the ``box`` (3, 2) um; none for a bundle."""
     if plan.woven is None:
         return {}
     w = plan.woven
@@ -67,24 +72,27 @@ def fabric_parameters(system: FilamentSystem, plan: Plan) -> dict[str, float | i
         "skin_um": plan.woven.skin,
     }
     if w.moved:
-        values |= _moved_cell(system, w)
+        values |= _moved_cell(system, w, box)
         forces = rest_forces(system, plan)
         if forces is not None:
             moment = np.sum(forces * system.positions, axis=0)
             values |= {"rest_moment_x": float(moment[0]), "rest_moment_y": float(moment[1])}
     if w.periodic:
         values |= {"boundary_y": "p", "width_formula": "lx*ly/v_contact_length_um"}
+        values |= {"cell_x_um": w.size[0], "cell_y_um": w.size[1], "corner_um": _corner(system, plan)}
     else:
         values |= {"boundary_y": "m", "width_formula": f"{w.size[1]!r}", "end_stiffness_nN_um": w.end_stiffness}
         if w.moved:  # in a box with room around it, that maps it as a cell is mapped
-            part = w.size[0] * w.size[1] / float(np.prod(np.ptp(system.box[:2], axis=1)))
+            part = w.size[0] * w.size[1] / float(np.prod(np.ptp(box[:2], axis=1)))
             values |= {"boundary_x": "p", "boundary_y": "p", "width_formula": f"lx*ly*{part!r}/v_contact_length_um"}
     return values
 
 
-def _moved_cell(system: FilamentSystem, woven: Woven) -> dict[str, float | int | str]:
+def _moved_cell(system: FilamentSystem, woven: Woven, box: FloatArray) -> dict[str, float | int | str]:
     """Parameters of a cell or patch that is strained, sheared or pulled in its plane."""
-    (x, y), (wide, long) = woven.size, np.ptp(system.box[:2], axis=1).tolist()
+    (x, y), (wide, long) = woven.size, np.ptp(box[:2], axis=1).tolist()
+    if woven.periodic:  # rods that are woven in straight are read in another box
+        wide, long = x, y
     values: dict[str, float | int | str] = {
         "cell": "moved",
         "cell_when": woven.when,

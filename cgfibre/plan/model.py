@@ -118,6 +118,18 @@ class Woven:
 
 
 @dataclass(frozen=True)
+class Ribbon:
+    """What joins the chains of flat tows, a value each kind of filament (warp, weft): ``across`` nN/um, their modulus
+    across times their thickness; ``bending`` nN um2, EI in the ribbon's plane above that out of it, of the whole tow;
+    ``twist`` nN um2, its GJ; ``reach``, segments in each chord over which turns in the plane are taken (0: none)."""
+
+    across: tuple[float, ...]
+    bending: tuple[float, ...]
+    twist: tuple[float, ...]
+    reach: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class Contact:
     """Contact between filaments.
 
@@ -288,9 +300,9 @@ class Plan:
     ``depth`` um is the length a section stands for (0 for the other levels); ``springs`` (nN/um, nN um/rad) its
     springs, for small deflections and turns; ``spring_law`` their law for large ones, where it is wanted;
     ``disc_fixes``: "plugin" or "engine", whose fixes hold them; ``stiffen``: their contacts may become so many times
-    stiffer; ``discs`` what discs that stand for many filaments are (None: each is a filament); ``free_span`` um the
-    length that bends beside a finite platen; ``timestep`` us; ``drag`` nN us/um and ``turning_drag`` nN um us of the
-    background on a contact bead.
+    stiffer; ``discs`` what discs that stand for many filaments are (None: each is a filament); ``ribbon`` what joins
+    the chains of flat tows (None: nothing); ``free_span`` um the length that bends beside a finite platen; ``timestep``
+    us; ``drag`` nN us/um and ``turning_drag`` nN um us of the background on a contact bead.
     """
 
     level: str
@@ -323,6 +335,7 @@ class Plan:
     disc_fixes: str = "engine"
     stiffen: float = 1.0
     discs: Discs | None = None
+    ribbon: Ribbon | None = None
 
     @property
     def flat(self) -> bool:

@@ -46,9 +46,14 @@ class Touching:
 
 
 def chain_beads(
-    system: FilamentSystem, touching: Touching, softening: float, level: str = "chain"
+    system: FilamentSystem,
+    touching: Touching,
+    softening: float,
+    level: str = "chain",
+    joints: FloatArray | float = 0.0,
 ) -> tuple[Beads, float]:
-    """(beads, limiting time step us): real masses; bounds of stretching, bending and contacts with their damping.
+    """(beads, limiting time step us): real masses; bounds of stretching, bending, contacts with their damping, and what
+    ``joints`` to other chains add to every bead, nN/um.
 
     Friction on a segment's side moves its ends by 1 +- 2 R/s: (1 + 4 (R/s)^2) times the stiffness along it.
     """
@@ -87,7 +92,7 @@ def chain_beads(
     damping = share * (2 * touching.pairs * touching.pair_damping + touching.platen_damping) * sliding
     if level == "rod":
         damping = damping + 2 * ROD_DAMPING * np.sqrt(bound * mass)
-    limit = float(rod.limiting_time_step(bound + stiffness, mass, damping))
+    limit = float(rod.limiting_time_step(bound + joints + stiffness, mass, damping))
     closed_all = bool(np.all(system.closed))
     beads = Beads(
         stations=place,

@@ -1,4 +1,4 @@
-"""Planner of weaves filament by filament: every filament of every tow a chain of smooth segments."""
+"""Planner of weaves filament by filament: every filament of every tow a chain or rod of smooth segments."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from cgfibre.plan.weave_common import (
     rest_choice,
     woven_plan,
 )
+from cgfibre.plan.woven_rods import left_out
 from cgfibre.scene import Scene
 
 #: part of the tow's thickness by which the chord of a segment may miss its line, longest segment in diameters, and
@@ -157,9 +158,9 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
         platens=platens,
         motion=motion,
         sampling=sampling,
-        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling, woven),
+        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling, woven=woven),
         choices=tuple(choices),
-        omissions=_OMISSIONS,
+        omissions=_OMISSIONS + left_out(level.value, "filaments"),
         promise=(
             ErrorPart("platen speed", SPEED_ERROR * motion.eps * motion.pace, "inertia of the fabric"),
             ErrorPart("bead spacing", SPACING_ERROR, "chords in place of curved filaments"),
@@ -169,9 +170,8 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
     )
 
 
-_OMISSIONS = (
+_OMISSIONS: tuple[Omission, ...] = (
     Omission("filament flattening", "sections stay round", "contacts take the compliance of the line contact"),
-    Omission("torsion and rolling of filaments", "beads of a chain do not spin", "friction cannot roll a filament"),
     Omission("gravity, adhesion, moisture", "small beside contact forces", "below 1e-3 of the force"),
 )
 

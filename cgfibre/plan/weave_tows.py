@@ -1,4 +1,4 @@
-"""Planner of weaves whose tows are chains, one a round tow and a ribbon of them a flat one."""
+"""Planner of weaves at tow level: a round tow is one chain or rod, a flat one a ribbon of chains."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from cgfibre.build.system import FilamentSystem
 from cgfibre.mechanics.contact import damping_coefficient
 from cgfibre.plan.common import checked_step, friction
 from cgfibre.plan.contact import CAPSULE_DAMPING, TANGENTIAL_RATIO, damping_ratio
-from cgfibre.plan.cost import predicted_seconds
-from cgfibre.plan.model import Choice, Contact, ErrorPart, Omission, Plan, Platens
+from cgfibre.plan.cost import joint_cost, predicted_seconds
+from cgfibre.plan.model import Choice, Contact, ErrorPart, Omission, Plan, Platens, Ribbon
 from cgfibre.plan.pressing import REFERENCE_LOAD, plan_pressing
+from cgfibre.plan.ribbons import plan_ribbon, ribbon_bound
 from cgfibre.plan.tow_law import STIFFNESS, ChainLaw, chain_law, tow_law
 from cgfibre.plan.tows import TowModel, greatest_curvature, tow_models, woven_system
 from cgfibre.plan.weave_common import (
@@ -28,6 +29,7 @@ from cgfibre.plan.weave_common import (
     rest_choice,
     woven_plan,
 )
+from cgfibre.plan.woven_rods import left_out, level_of_tows, torsion_choices
 from cgfibre.scene import Scene
 
 #: part of the tow's thickness by which the chord of a segment may miss its centre line, and least segments a crossing
@@ -169,11 +171,11 @@ def _mean_rows(laws: tuple[ChainLaw, ChainLaw], of: str) -> tuple[tuple[float, f
 
 
 def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
-    """Plan of a weave whose tows are chains."""
+    """Plan of a weave whose tows are chains or rods."""
     w = scene.weave
-    level = _level(scene)
-    choices.append(level)
     tows = tow_models(scene)
+    level = level_of_tows(scene, tows)
+    choices.append(level)
     spacing, choice = _spacing(scene)
     system = woven_system(scene, "tow", spacing)
     longest = float(np.max(system.bond_lengths()))
@@ -188,11 +190,12 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     height = built_height(system)
     stops = planned_stop(scene, height, estimate)
     choices += [
-        Choice("chains", _chains(tows), "a round tow is one, a flat one a ribbon of parallel ones"),
+        Choice(f"{level.value}s", _chains(tows), "a round tow is one, a flat one a ribbon of parallel ones"),
         choice,
         Choice("contact law", _law(scene, modulus), "across a tow, between tows; platens meet half of that compliance"),
         friction(scene),
         rest_choice(scene, level.value),
+        *torsion_choices(scene, level.value, tows),
     ]
     axial = 1.0 if scene.model.axial_softening == "auto" else float(scene.model.axial_softening)
     choices.append(
@@ -203,7 +206,12 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     platens = _platens(scene, contact, min(t.chain.mass_per_length for t in tows))
     pair, wall = (max(law.slope(stops.depth)[k] for law in laws) for k in (0, 1))
     touching = Touching(PAIRS, pair, wall, contact.gamma, platens.gamma)
-    beads, limit = chain_beads(system, touching, axial, level.value)
+    ribbon = None
+    if level.value == "chain":
+        ribbon, more = plan_ribbon(scene, system, tows, law, stops.depth, axial)
+        choices += more
+    joints = 0.0 if ribbon is None else np.sum(ribbon_bound(system, ribbon), axis=0)
+    beads, limit = chain_beads(system, touching, axial, level.value, joints)
     timestep, step = checked_step(scene, limit)
     choices.append(step)
     mass = float(np.sum(beads.mass))
@@ -236,27 +244,21 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
         platens=platens,
         motion=motion,
         sampling=sampling,
-        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling, woven),
+        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling, joint_cost(ribbon), woven),
         choices=tuple(choices),
-        omissions=_omissions(scene, tows),
+        omissions=_omissions(scene, tows, ribbon, level.value),
         promise=(
             ErrorPart("platen speed", SPEED_ERROR * motion.eps * motion.pace, "inertia of the fabric"),
             ErrorPart("bead spacing", SPACING_ERROR, "chords in place of curved tows"),
         ),
         woven=woven,
+        ribbon=ribbon,
     )
 
 
 def _of_type(system: FilamentSystem, kind: int) -> np.ndarray:
     """(n_bonds,) bool: bonds of filaments of a type."""
     return np.asarray(system.filament_type[system.filament_of_bead[system.bonds()[:, 0]]] == kind)
-
-
-def _level(scene: Scene) -> Choice:
-    asked = scene.model.level
-    if asked != "auto":
-        return Choice("level", asked, "as asked in the scene")
-    return Choice("level", "chain", "stretch and bending of tows; twist and rolling of a tow are not asked for")
 
 
 def _chains(tows: tuple[TowModel, TowModel]) -> str:
@@ -286,22 +288,33 @@ def _platens(scene: Scene, contact: Contact, mass: float) -> Platens:
     )
 
 
-def _omissions(scene: Scene, tows: tuple[TowModel, TowModel]) -> tuple[Omission, ...]:
+def _omissions(
+    scene: Scene, tows: tuple[TowModel, TowModel], ribbon: Ribbon | None, level: str
+) -> tuple[Omission, ...]:
     left = [
         Omission(
             "filaments inside a tow",
             "a tow is as stiff across as its law says, wherever it is pressed",
-            "that of the law: a tow widens under load, which no chain does",
-        ),
-        Omission("twist and rolling of tows", "beads of a chain do not spin", "small where tows cross in a fabric"),
-        Omission("gravity, adhesion, moisture", "small beside contact forces", "below 1e-3 of the force"),
+            "that of the law: a tow widens under load, which no chain or rod does",
+        )
     ]
-    if any(t.chains > 1 for t in tows):
+    if any(t.chains == 1 for t in tows):
+        left += left_out(level, "tows")
+    left.append(Omission("gravity, adhesion, moisture", "small beside contact forces", "below 1e-3 of the force"))
+    if ribbon is not None:
         left.append(
             Omission(
-                "bending of a flat tow in its plane",
-                "its parallel chains are not joined",
-                "none under platens; shear of the fabric meets too little resistance",
+                "stiffness of a flat tow against sliding of its chains and bending across its width",
+                "loose filaments do both",
+                "a solid tow's shear and the bending of its section are missing",
+            )
+        )
+    elif any(t.chains > 1 for t in tows):
+        left.append(
+            Omission(
+                "bending of a flat tow in its plane, and its twist",
+                "parallel chains are joined at level chain alone",
+                "chains between crossings drift from each other",
             )
         )
     return tuple(left)
