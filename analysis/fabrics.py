@@ -21,7 +21,7 @@ from cgfibre.pictures_fabric import crimp_history
 from cgfibre.plan.tows import weave_spec
 from cgfibre.plot import GREY, new_figure, style
 from cgfibre.review_fabric import planes_of
-from cgfibre.scene import load_scene
+from cgfibre.scene_reading import load_scene
 from cgfibre.workflow import RunOptions, run_scene
 
 FIGURES = Path(__file__).parents[1] / "docs" / "figures"

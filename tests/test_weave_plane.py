@@ -14,7 +14,7 @@ from cgfibre.measure.compaction import thickness_at_pressure
 from cgfibre.mechanics.trellis import bearing_angle
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.tows import tow_models, weave_spec
-from cgfibre.scene import scene_from_dict
+from cgfibre.scene_reading import scene_from_dict
 
 pytestmark = pytest.mark.skipif(find_plugin(find_engine()) is None, reason="weaves need the plugin")
 FAST = {"output.frames": 4, "output.samples": 60, "model.accuracy": 0.1}

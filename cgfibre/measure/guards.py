@@ -303,15 +303,18 @@ def largest_bend(system: FilamentSystem, frames: Frames, limit: float = 0.5) -> 
 def quasi_static(curve: Curve, after_um: float, limit: float = 0.05) -> Guard:
     """Largest kinetic energy over the work done so far, from the first sample at a displacement of ``after_um`` on.
 
-    The work, of platens and cell, is its running maximum, so that unloading does not divide by nothing. A small ratio
-    is needed, not enough: only halving the platen speed shows that the force is quasi-static.
+    The work is its running maximum, so that unloading does not divide by nothing; to it comes that of a cell's edges,
+    whichever way they go. A small ratio is needed, not enough: only halving the platen speed shows that the force is quasi-static.
     """
     name = "quasi-static"
     reached = np.flatnonzero(curve["displacement_um"] >= after_um)
     if not len(reached):
         return _not_applicable(name, limit, f"the platen never reached {after_um:.4g} um")
     kinetic = curve["kinetic_J"][reached[0] :]
-    work = np.maximum.accumulate(curve.work)[reached[0] :]
+    work = np.maximum.accumulate(curve["work_J"])
+    if curve.cell:
+        work = work + np.maximum.accumulate(np.abs(curve.cell["work_cell_J"]))
+    work = work[reached[0] :]
     if not (np.all(np.isfinite(kinetic)) and np.all(np.isfinite(work))):
         return Guard(name, False, float("nan"), limit, f"{name}: energies are not finite")
     moving = kinetic > 0
