@@ -155,6 +155,7 @@ def tow_contact(scene: Scene, tows: tuple[TowModel, TowModel], laws: tuple[Chain
         by_angle=c.friction_by_angle,
         pair=() if linear else pair,
         platen=() if linear else _mean_rows(laws, "platen"),
+        both_sides=True,  # soft tows touch over lengths like their segments'
     )
 
 

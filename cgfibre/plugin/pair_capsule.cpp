@@ -53,7 +53,7 @@ inline void keep(double alpha, double beta, bool edge, double &lo, double &hi)
 
 }    // namespace
 
-PairCapsule::PairCapsule(LAMMPS *lmp) : Pair(lmp), reach(0.0), spin(false), chain(nullptr), store(nullptr), stale(true), warned(false)
+PairCapsule::PairCapsule(LAMMPS *lmp) : Pair(lmp), reach(0.0), spin(false), two_sided(false), chain(nullptr), store(nullptr), stale(true), warned(false)
 {
   single_enable = 1;
   restartinfo = 0;    // the deck gives pair_style and pair_coeff again after read_restart
@@ -89,15 +89,20 @@ void PairCapsule::allocate()
   active.assign(n, 0);
 }
 
-// pair_style capsule REACH [spin yes|no]
+// pair_style capsule REACH [spin yes|no] [sides one|both]
 void PairCapsule::settings(int narg, char **arg)
 {
-  if (narg != 1 && narg != 3) error->all(FLERR, "pair_style capsule takes the longest segment, um, and spin yes|no");
+  if (narg % 2 == 0) error->all(FLERR, "pair_style capsule takes the longest segment, um, spin yes|no and sides one|both");
   reach = utils::numeric(FLERR, arg[0], false, lmp);
   if (!(reach > 0.0)) error->all(FLERR, "pair_style capsule: longest segment {} um, expected above 0", reach);
-  if (narg == 3) {
-    if (strcmp(arg[1], "spin") != 0) error->all(FLERR, "pair_style capsule: unknown keyword {}, expected spin", arg[1]);
-    spin = utils::logical(FLERR, arg[2], false, lmp) == 1;
+  for (int iarg = 1; iarg < narg; iarg += 2) {
+    const std::string word = arg[iarg], value = arg[iarg + 1];
+    if (word == "spin")
+      spin = utils::logical(FLERR, arg[iarg + 1], false, lmp) == 1;
+    else if (word == "sides" && (value == "one" || value == "both"))
+      two_sided = value == "both";
+    else
+      error->all(FLERR, "pair_style capsule: unknown words {} {}, expected spin yes|no, sides one|both", word, value);
   }
 }
 
@@ -234,7 +239,7 @@ void PairCapsule::find_pairs()
     return place[a];
   };
   int row = -1;
-  search.pairs(near, neighbor->skin, [&](int a, int b) {
+  search.pairs(near, neighbor->skin, two_sided, [&](int a, int b) {
     const int i = near[a].bead, j = near[b].bead;
     if (of_types(type[i], type[j]).law.kind() == NormalLaw::NONE) return;
     if (a != row) {
@@ -318,7 +323,7 @@ void PairCapsule::place_segments()
   }
 }
 
-// Whether segment A (lower molecule) meets segment B, and where. The squared distance of A's point at arc length s from
+// Whether segment A (of the lower molecule, or either of the two) meets segment B, and where. The squared distance of A's point at arc length s from
 // B's axis is a parabola in s, so the stretch in contact has closed limits.
 inline bool PairCapsule::meet(const Segment &A, const Segment &B, Stretch &S)
 {
@@ -520,6 +525,17 @@ void PairCapsule::press(const Segment &A, const Segment &B, const Stretch &S, co
             (share * c.law.energy(overlap, size) + (1.0 - share) * 0.5 * lens_stiffness * overlap * overlap);
     }
   }
+  if (two_sided) {    // the other half comes from the other side
+    for (int n = 0; n < 4; n++)
+      for (int d = 0; d < 3; d++) {
+        load.force[n][d] *= 0.5;
+        if (SPIN) load.torque[n][d] *= 0.5;
+      }
+    for (int d = 0; d < 3; d++) out.friction[d] *= 0.5;
+    out.normal *= 0.5;
+    out.length *= 0.5;
+    out.energy *= 0.5;
+  }
   for (int d = 0; d < 3; d++) out.force[d] = load.force[0][d] + load.force[1][d];
 }
 
@@ -583,7 +599,7 @@ template <bool SPIN> void PairCapsule::add_forces()
           for (int d = 0; d < 3; d++) torque[beads[n]][d] += load.torque[n][d];
       }
       if (evflag) {
-        touching += 1.0;
+        touching += two_sided ? 0.5 : 1.0;
         length += contact.length;
         closest = std::min(closest, contact.distance);
         tally(A, B, contact, load);
@@ -647,21 +663,25 @@ double PairCapsule::single(int i, int j, int, int, double, double, double, doubl
     error->all(FLERR, "pair_style capsule: compute pair/local misses contacts of other ranks, use compute capsule/local");
   fforce = 0.0;
   for (int k = 0; k < single_extra; k++) svector[k] = 0.0;
-  const int a = atom->molecule[i] < atom->molecule[j] ? i : j, b = a == i ? j : i;
-  const auto row = row_of.find(atom->tag[a]);
-  if (row == row_of.end()) return 0.0;
-  CapsuleContact contact;
-  for (int k = rows[row->second]; k < rows[row->second + 1]; k++) {
-    if (atom->tag[segments[partners[k]].first] != atom->tag[b]) continue;
-    if (!look(row->second, k, contact)) break;
-    fforce = svector[0] = contact.normal;
-    for (int d = 0; d < 3; d++) svector[1 + d] = contact.friction[d];
-    svector[4] = contact.length;
-    svector[5] = contact.distance;
-    svector[6] = contact.angle();
-    return contact.energy;
+  int a = atom->molecule[i] < atom->molecule[j] ? i : j, b = a == i ? j : i;
+  double energy = 0.0;
+  for (int side = 0; side < (two_sided ? 2 : 1); side++, std::swap(a, b)) {
+    const auto row = row_of.find(atom->tag[a]);
+    if (row == row_of.end()) continue;
+    CapsuleContact contact;
+    for (int k = rows[row->second]; k < rows[row->second + 1]; k++) {
+      if (atom->tag[segments[partners[k]].first] != atom->tag[b]) continue;
+      if (!look(row->second, k, contact)) break;
+      fforce = svector[0] += contact.normal;
+      for (int d = 0; d < 3; d++) svector[1 + d] += side ? -contact.friction[d] : contact.friction[d];
+      svector[4] += contact.length;
+      svector[5] = svector[5] > 0.0 ? std::min(svector[5], contact.distance) : contact.distance;
+      svector[6] = contact.angle();
+      energy += contact.energy;
+      break;
+    }
   }
-  return 0.0;
+  return energy;
 }
 
 // the contact as it stands, history untouched
