@@ -125,10 +125,10 @@ def fabric_statistics(
 ) -> dict[str, tuple[np.ndarray, str]]:
     """Crimp, widths and thicknesses of tows, forces at crossings, room for resin: name -> (one row a frame, units).
 
-    ``faces`` (n_frames, 2) um, z of the bottom and top platen; ``modulus``, ``both_sides`` as for :func:`touches`. Names end on warp or
-    weft, and on crossing (at the tows' crossings; of the room: in a plane through a weft tow) or between.
-    ``crossing_force`` and ``crossing_area`` (n_frames, n_crossings), ``crossing_place`` (n_frames, n_crossings, 3): by
-    warp tow, then weft tow.
+    ``faces`` (n_frames, 2) um, z of the bottom and top platen; ``modulus``, ``both_sides`` as for :func:`touches`.
+    Names end on warp or weft, and on crossing (at the tows' crossings; of the room: in a plane through a weft tow) or
+    between. ``crossing_force`` and ``crossing_area`` (n_frames, n_crossings), ``crossing_place`` (n_frames,
+    n_crossings, 3): by warp tow, then weft tow.
     """
     fabric = fabric_of(system)
     rows: list[dict[str, Any]] = []

@@ -125,7 +125,7 @@ def test_in_the_plane(weave):
 
 
 def test_warp_and_weft_that_are_built_alike_stay_alike(tmp_path):
-    """Yarns that hardly resist bending: contacts as long as segments do not depend on which tow has the lower number."""
+    """Yarns that hardly resist bending: contacts as long as segments, whichever tow has the lower number."""
     scene, plan = workflow.plan_scene("glass-weave", ("output.frames=4", "model.accuracy=0.1"))
     system = build_system(scene, plan)
     write_job(tmp_path / "deck", system, plan, "")

@@ -123,10 +123,11 @@ class Stretches:
     """Stretches in which segments of different filaments touch, all arrays (n,) unless said.
 
     ``segments`` (n, 2), the filament of the lower number first unless asked the other way, and ``filaments`` (n, 2);
-    ``first_beads`` (n, 2) of the segments; ``reach`` um, the sum of the radii. In terms of arc length s um along the first segment: ``low`` and
-    ``high`` limits; squared distance of the point at s from the other's axis = ``reach``^2 + C + 2 Q s + M s^2;
-    ``start`` (n, 3) um and ``unit`` (n, 3) of the first segment; ``foot`` (n, 3) and ``drift`` (n, 3): the vector from
-    the other's axis to the point at s is foot + s drift. M = sin^2 of the angle between the segments.
+    ``first_beads`` (n, 2) of the segments; ``reach`` um, the sum of the radii. In terms of arc length s um along the
+    first segment: ``low`` and ``high`` limits; squared distance of the point at s from the other's axis = ``reach``^2 +
+    C + 2 Q s + M s^2; ``start`` (n, 3) um and ``unit`` (n, 3) of the first segment; ``foot`` (n, 3) and ``drift``
+    (n, 3): the vector from the other's axis to the point at s is foot + s drift. M = sin^2 of the angle between the
+    segments.
     """
 
     segments: IntArray

@@ -119,7 +119,7 @@ class Contact:
     real secant stiffness per length that ``softening`` divides. ``kinetic`` friction of what slips (None: as
     ``friction``); ``by_angle`` ((angle rad, mu), ...) in the place of ``friction``. Law table: ``pair`` and ``platen``
     are its rows (overlap um, force per length nN/um, the same on the way back or None). ``both_sides``: the force is
-    the mean of what either segment of a pair sees, so that neither of two tows that cross is the one pressed at a point.
+    the mean of what either segment of a pair sees, so that neither of two tows is the one pressed at a point.
     """
 
     law: str
