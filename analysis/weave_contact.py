@@ -6,10 +6,10 @@ Presses 2 x 2 cells of nylon yarns of 12 and of 30 filaments to 0.2 MPa: the sam
 variant. Runs that lie in the folder already are found again, one that was stopped goes on. Hours for all of it: the
 finest beads take most. ``--table``: no runs, tables and the figure docs/figures/fabric_contact.png of what is there.
 
-The error of a variant is the difference of its thickness to that of the reference (finer capsules under a slower platen)
-at the same pressure and of the same specimen. Filaments that give way make a single pair of curves differ by more than
-any variant's fault: a specimen moved by 1e-6 um shows by how much. So errors are the mean over specimens, with its
-standard error, and what is compared is that mean curve.
+The error of a variant is the difference of its thickness to that of the reference (finer capsules under a slower
+platen) at the same pressure and of the same specimen. Filaments that give way make a single pair of curves differ by
+more than any variant's fault: a specimen moved by 1e-6 um shows by how much. So errors are the mean over specimens,
+with its standard error, and what is compared is that mean curve.
 """
 
 from __future__ import annotations
@@ -343,6 +343,11 @@ def draw(cells: Sequence[Cell], out: Path) -> None:
     figure.savefig(FIGURE, dpi=90)
 
 
+def told(done: float, total: float, last: str) -> None:
+    """Progress."""
+    print(f"{done / total:4.0%} {last}", flush=True)
+
+
 def main() -> None:
     """Run what is missing, tell and draw."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -355,9 +360,7 @@ def main() -> None:
     for cell in cells:
         if not a.table:
             runs = [r for r in cell.runs(a.out) if r.plan.predicted_seconds <= a.longest]
-            failed = run_all(
-                runs, SweepOptions(resume=True, trim=True), lambda d, t, last: print(f"{d / t:4.0%} {last}", flush=True)
-            )
+            failed = run_all(runs, SweepOptions(resume=True, trim=True), told)
             for folder, why in failed.items():
                 print(f"{folder.name}: {why}")
         print(text_of(cell, a.out))
