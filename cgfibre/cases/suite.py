@@ -259,7 +259,9 @@ CAPSULE_CASES: tuple[Case, ...] = (
             "linear, change": Limit(1e-12, "pair forces: rounding"),
             "angular, change": Limit(1e-11, "pair forces and torques: rounding"),
         },
-        **CAPSULES,
+        CAPSULES["levels"],
+        (1.0, 2.0, 4.0),  # filaments of 16 D
+        (4.0,),
     ),
 )
 

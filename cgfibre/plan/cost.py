@@ -20,8 +20,8 @@ class Cost:
 COSTS = {
     "chain": Cost(step=7e-6, bead=6.2e-8, block=1e-4),
     "rod": Cost(step=7e-6, bead=2.8e-7, block=1e-4),
-    "chain, capsules": Cost(step=7e-6, bead=2.2e-7, block=1e-4),
-    "rod, capsules": Cost(step=7e-6, bead=6e-7, block=1e-4),
+    "chain, capsules": Cost(step=7e-6, bead=1.1e-7, block=1e-4),
+    "rod, capsules": Cost(step=7e-6, bead=5e-7, block=1e-4),
     "section": Cost(step=3.5e-6, bead=9e-8, block=1e-4),
     "subbundle": Cost(step=6e-6, bead=3e-7, block=1e-4),
 }

@@ -203,7 +203,7 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     )
     platens = _platens(scene, contact, min(t.chain.mass_per_length for t in tows))
     pair, wall = (max(law.slope(stops.depth)[k] for law in laws) for k in (0, 1))
-    touching = Touching(PAIRS, pair, wall, contact.gamma, platens.gamma)
+    touching = Touching(PAIRS, pair, wall, contact.gamma, platens.gamma, contact.both_sides)
     beads, limit = chain_beads(system, touching, axial, level.value)
     timestep, step = checked_step(scene, limit)
     choices.append(step)
