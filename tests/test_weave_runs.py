@@ -52,7 +52,7 @@ def test_a_periodic_cell_a_patch_and_finer_beads_agree(weave):
     cell = weave("cell", {})
     assert cell.trusted, cell.summary["warnings"]
     c = cell.curve
-    assert c["pressure_MPa"][-1] == pytest.approx(0.2, rel=0.02)
+    assert c["pressure_MPa"][-2] < 0.2 * 1.001 < c["pressure_MPa"][-1] < 0.23  # one row in forty beyond it
     assert c["force_top_N"][-1] == pytest.approx(0.2 * 100 * c["pressure_MPa"][-1] / 0.2, rel=1e-6)  # over 1 cm2
     heavy = c["pressure_MPa"] > 0.05
     assert np.allclose(c["force_top_N"][heavy], c["force_bottom_N"][heavy], rtol=0.02)

@@ -79,7 +79,8 @@ def chain_beads(
     share = system.tributary_lengths()
     kind_of = system.filament_type[system.filament_of_bead]
     mass = np.array([t.mass_per_length for t in system.types])[kind_of] * share
-    lever = 1 + (8 if touching.both_sides else 4) * (system.diameter[system.filament_of_bead] / 2 / float(np.median(lengths))) ** 2
+    slender = system.diameter[system.filament_of_bead] / 2 / float(np.median(lengths))
+    lever = 1 + (8 if touching.both_sides else 4) * slender**2
     inertia = rod.SPHERE_INERTIA if level == "rod" else np.inf
     along = np.maximum(1.0, TANGENTIAL_RATIO * (lever if level == "chain" else 1 + 0.25 / inertia))
     stiffness = share * (2 * touching.pairs * touching.pair + touching.platen) * along
