@@ -11,18 +11,8 @@ import numpy as np
 from cgfibre.build.system import BoolArray, FilamentSystem, FloatArray
 from cgfibre.errors import InputError
 from cgfibre.measure.fabric import lines_of
-from cgfibre.plot import (
-    BLUE,
-    INK,
-    PIXEL_BUDGET,
-    VERMILION,
-    BundleView,
-    Camera,
-    Tubes,
-    new_figure,
-    render_tubes,
-    style,
-)
+from cgfibre.plot import BLUE, INK, VERMILION, new_figure, style
+from cgfibre.plot_bundle import PIXEL_BUDGET, BundleView, Camera, Tubes, render_tubes
 
 if TYPE_CHECKING:
     from cgfibre.plot import Axes, Figure

@@ -30,7 +30,8 @@ from cgfibre.plan.system import build_system
 from cgfibre.record import Curve, Frames
 from cgfibre.review import Review, quasi_static_from, review_run, speed_change
 from cgfibre.review_fabric import fabric_summary
-from cgfibre.scene import Scene, load_scene, scene_from_dict
+from cgfibre.scene import Scene
+from cgfibre.scene_reading import load_scene, scene_from_dict
 
 #: files by which an existing run is recognised, and which --force removes
 RUN_FILES = ("scene.toml", "plan.json", "summary.json", "results.h5", "curve.csv", "log.lammps")

@@ -14,7 +14,7 @@ from cgfibre.plan.tow_law import ChainLaw, TowLaw, chain_law, crossing_law, tow_
 from cgfibre.plan.tows import second_moments, tow_models
 from cgfibre.plan.weave_filaments import FibreMat
 from cgfibre.plan.weave_tows import fabric
-from cgfibre.scene import load_scene, scene_from_dict
+from cgfibre.scene_reading import load_scene, scene_from_dict
 
 
 def crossing_force(law, overlap, diameter):

@@ -17,7 +17,7 @@ from cgfibre.measure.compaction import thickness_at_pressure
 from cgfibre.measure.fabric import fabric_of, tow_lines
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.system import build_system
-from cgfibre.scene import load_scene
+from cgfibre.scene_reading import load_scene
 from cgfibre.store import read_results
 
 pytestmark = pytest.mark.skipif(find_plugin(find_engine()) is None, reason="weaves need the plugin")

@@ -7,8 +7,8 @@ from scene_tables import ABSENT, with_changes
 from cgfibre.build import weave
 from cgfibre.errors import InputError
 from cgfibre.plan.make import make_plan
-from cgfibre.scene import load_scene, scene_from_dict
 from cgfibre.scene_assembly import interlacing
+from cgfibre.scene_reading import load_scene, scene_from_dict
 
 WEAVE = {
     "filament": {"material": "nylon"},

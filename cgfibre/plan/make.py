@@ -14,7 +14,8 @@ from cgfibre.plan.outline import Outline, outline
 from cgfibre.plan.section import plan_section
 from cgfibre.plan.subbundle import plan_subbundle
 from cgfibre.plan.weave import plan_weave
-from cgfibre.scene import Scene, scene_from_dict
+from cgfibre.scene import Scene
+from cgfibre.scene_reading import scene_from_dict
 
 PLANNERS: dict[str, Callable[[Scene, Outline, str, list[Choice]], Plan]] = {
     "chain": plan_filaments,
