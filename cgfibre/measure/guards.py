@@ -304,7 +304,8 @@ def quasi_static(curve: Curve, after_um: float, limit: float = 0.05) -> Guard:
     """Largest kinetic energy over the work done so far, from the first sample at a displacement of ``after_um`` on.
 
     The work is its running maximum, so that unloading does not divide by nothing; to it comes that of a cell's edges,
-    whichever way they go. A small ratio is needed, not enough: only halving the platen speed shows that the force is quasi-static.
+    whichever way they go. A small ratio is needed, not enough: only halving the platen speed shows that the force is
+    quasi-static.
     """
     name = "quasi-static"
     reached = np.flatnonzero(curve["displacement_um"] >= after_um)
