@@ -109,7 +109,8 @@ def _crossings(
     system, positions = frames.system_at(fabric.system, peak), frames.positions[peak]
     fabric = replace(fabric, system=system)
     lines = tow_lines(fabric, positions)
-    touch = touches(fabric, positions, line_law(plan, system), hertz_modulus(plan))
+    law, sides = line_law(plan, system), plan.contact.both_sides
+    touch = touches(fabric, positions, law, hertz_modulus(plan), both_sides=sides)
     loads = crossing_loads(fabric, tow_crossings(fabric, lines), touch)
     period = period_of(system)[:2]
     corner = np.where(period > 0, system.box[:2, 0], positions[:, :2].min(axis=0))

@@ -393,7 +393,8 @@ def frame_statistics(
     if plan.woven is not None:
         top, bottom = platen_heights(system, plan)
         faces = np.column_stack([np.full(len(frames), bottom), top - frames.displacement_um])
-        return fabric_statistics(system, frames, faces, line_law(plan, system), hertz_modulus(plan))
+        law, modulus = line_law(plan, system), hertz_modulus(plan)
+        return fabric_statistics(system, frames, faces, law, modulus, plan.contact.both_sides)
     x = mid_plane(scene, plan)
     d = float(np.max(system.diameter))
     rows: list[dict[str, Any]] = []

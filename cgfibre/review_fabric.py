@@ -144,14 +144,19 @@ def _open_area(fabric: Fabric, positions: FloatArray) -> float:
 
 
 def fabric_statistics(
-    system: FilamentSystem, frames: Frames, faces: FloatArray, law: LineLaw, modulus: float | None
+    system: FilamentSystem,
+    frames: Frames,
+    faces: FloatArray,
+    law: LineLaw,
+    modulus: float | None,
+    both_sides: bool = False,
 ) -> dict[str, tuple[np.ndarray, str]]:
     """Crimp, widths and thicknesses of tows, forces at crossings, room for resin: name -> (one row a frame, units).
 
-    ``faces`` (n_frames, 2) um, z of the bottom and top platen; ``modulus`` as for :func:`touches`. Names end on warp or
-    weft, and on crossing (at the tows' crossings; of the room: in a plane through a weft tow) or between.
-    ``crossing_force`` and ``crossing_area`` (n_frames, n_crossings), ``crossing_place`` (n_frames, n_crossings, 3): by
-    warp tow, then weft tow.
+    ``faces`` (n_frames, 2) um, z of the bottom and top platen; ``modulus``, ``both_sides`` as for :func:`touches`.
+    Names end on warp or weft, and on crossing (at the tows' crossings; of the room: in a plane through a weft tow) or
+    between. ``crossing_force`` and ``crossing_area`` (n_frames, n_crossings), ``crossing_place`` (n_frames,
+    n_crossings, 3): by warp tow, then weft tow.
     """
     fabric = fabric_of(system)
     rows: list[dict[str, Any]] = []
@@ -172,7 +177,7 @@ def fabric_statistics(
                 f"largest_circle_{where}": room.largest,
             }
         row["open_area"] = _open_area(fabric, positions)
-        touch = touches(fabric, positions, law, modulus)
+        touch = touches(fabric, positions, law, modulus, both_sides=both_sides)
         loads = crossing_loads(fabric, crossings, touch)
         if rows and len(loads.through) != len(rows[0]["crossing_force"]):
             break  # tows have come off each other: their guard says so

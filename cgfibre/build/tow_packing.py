@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.optimize import brentq
 
-from cgfibre.build.packing import ROW, relaxed_packing
+from cgfibre.build.packing import ROW, min_distance, relaxed_packing
 from cgfibre.build.system import FloatArray
 from cgfibre.build.tow_shape import DIRECTIONS, Section, TowShape
 from cgfibre.errors import InputError
@@ -103,6 +103,24 @@ def packed_section(
         shaken = relaxed_packing(count, apart, outline, rng, centres + jitter * rng.standard_normal(centres.shape))
         centres = centres if shaken is None else shaken
     return centres
+
+
+def loosened_section(
+    shape: TowShape, centres: FloatArray, diameter: float, distance: float, rng: np.random.Generator
+) -> FloatArray:
+    """A packing of :func:`packed_section` with no two centres nearer than ``distance`` um, (n, 2) um.
+
+    Filaments that are far enough apart stay where they are, and the others move by about what they lack, so that one
+    seed means one specimen whatever distance its bead spacing asks for. Raises :class:`InputError` where they do not
+    fit.
+    """
+    if min_distance(centres) >= distance:
+        return centres
+    found = relaxed_packing(len(centres), distance, SectionOutline(shape, 0.5 * diameter), rng, centres)
+    if found is None:
+        expected = f"filaments of {diameter:.4g} um that fit the section {distance:.4g} um apart"
+        raise InputError("filaments.count", len(centres), expected)
+    return found
 
 
 def _hexagonal(shape: TowShape, count: int, diameter: float, apart: float) -> FloatArray | None:

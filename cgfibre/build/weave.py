@@ -11,7 +11,7 @@ import numpy as np
 
 from cgfibre.build.overlap import initial_overlap
 from cgfibre.build.system import FilamentSystem, FilamentType, FloatArray
-from cgfibre.build.tow_packing import Packing, holding, packed_section
+from cgfibre.build.tow_packing import Packing, holding, loosened_section, packed_section
 from cgfibre.build.tow_path import TowPath, resample, stations
 from cgfibre.build.tow_shape import SECTIONS, TowShape
 from cgfibre.build.weave_spec import (
@@ -59,6 +59,8 @@ STRETCH = 1.1
 OVERLAP = 1e-3
 #: times that a spec's gap is opened
 ROUNDS = 8
+#: distance over diameter at which filaments are packed where they fit so
+ROOM = 1.01
 #: what is built: a spec, or paths with the periodic cell's edges (x, y) um (``None``: a patch)
 Woven = WeaveSpec | tuple[Sequence[TowPath], tuple[float, float] | None]
 
@@ -144,9 +146,10 @@ def filament_system(
     :func:`stations` of the path). ``types`` of a filament and ``count`` of filaments, of all tows or of (warp, weft)
     tows; ``packing`` and ``jitter`` um: see :func:`packed_section`, each tow has its own; ``twist`` turns per um,
     positive Z, of round tows alone (a turning section must stay inside its outline), in a closed tow the nearest whole
-    number of turns. Filaments are packed as if of D / (cos a cos(b / 2)), a the helix angle at the surface and b the
-    largest turn of the path from one section to the next, and further apart by what still overlaps, so that their rods
-    do not overlap either; a spec's gap is opened as in :func:`tow_system`.
+    number of turns. Filaments are moved apart as if of D / (cos a cos(b / 2)), a the helix angle at the surface and b
+    the largest turn of the path from one section to the next, and further by what still overlaps, so that their rods do
+    not overlap either; a spec's gap is opened as in :func:`tow_system`. They are packed :data:`ROOM` D apart where they
+    fit so, which leaves the same specimen of a seed at every bead spacing that needs no more.
     Raises :class:`InputError` for filaments that do not fit, twist of flat tows, a spec whose filaments still overlap
     by more than :data:`OVERLAP` of the thickness (dense and strongly twisted), and as :func:`tow_system`.
     """
@@ -163,9 +166,16 @@ def filament_system(
         helix = np.arctan(np.pi * _turns(path, twist) / path.arc_length * (path.shape.width - d))
         tows.append((path.shape, counts[0 if path.is_warp else 1], d, d / float(np.cos(helix) * np.cos(0.5 * bend))))
 
+    # one specimen a seed: what bead spacing and twist want beyond that is a matter of moving filaments a little
+    rng = np.random.default_rng(seed)
+    specimen = [_roomy(shape, n, d, packing, jitter, rng) for shape, n, d, _ in tows]
+
     def packed(looser: float) -> list[FloatArray]:
-        rng = np.random.default_rng(seed)
-        return [packed_section(shape, n, d, packing, rng, looser * apart, jitter) for shape, n, d, apart in tows]
+        if packing == "hexagonal" and jitter == 0.0:
+            again = np.random.default_rng(seed)
+            return [packed_section(shape, n, d, packing, again, looser * apart) for shape, n, d, apart in tows]
+        each = zip(tows, specimen, strict=True)
+        return [loosened_section(t[0], start, t[2], looser * t[3], np.random.default_rng(seed)) for t, start in each]
 
     def build(woven: Woven, sections: list[FloatArray]) -> FilamentSystem:
         paths, cell, spec = _woven(woven)
@@ -198,6 +208,16 @@ def filament_system(
             "filaments.count", count, f"a looser tow, less twist or closer beads: {overlap:.3g} um of overlap are left"
         )
     return system
+
+
+def _roomy(
+    shape: TowShape, count: int, diameter: float, packing: Packing, jitter: float, rng: np.random.Generator
+) -> FloatArray:
+    """Filaments packed :data:`ROOM` diameters apart, or as they fit."""
+    try:
+        return packed_section(shape, count, diameter, packing, rng, ROOM * diameter, jitter)
+    except InputError:
+        return packed_section(shape, count, diameter, packing, rng, diameter, jitter)
 
 
 def _turns(path: TowPath, twist: float) -> float:

@@ -134,11 +134,12 @@ def minimum_axis_distance(system: FilamentSystem, positions: FloatArray, reach: 
 class Stretches:
     """Stretches in which segments of different filaments touch, all arrays (n,) unless said.
 
-    ``segments`` (n, 2), the filament of the lower number first, and ``filaments`` (n, 2); ``first_beads`` (n, 2) of the
-    segments; ``reach`` um, the sum of the radii. In terms of arc length s um along the first segment: ``low`` and
-    ``high`` limits; squared distance of the point at s from the other's axis = ``reach``^2 + C + 2 Q s + M s^2;
-    ``start`` (n, 3) um and ``unit`` (n, 3) of the first segment; ``foot`` (n, 3) and ``drift`` (n, 3): the vector from
-    the other's axis to the point at s is foot + s drift. M = sin^2 of the angle between the segments.
+    ``segments`` (n, 2), the filament of the lower number first unless asked the other way, and ``filaments`` (n, 2);
+    ``first_beads`` (n, 2) of the segments; ``reach`` um, the sum of the radii. In terms of arc length s um along the
+    first segment: ``low`` and ``high`` limits; squared distance of the point at s from the other's axis = ``reach``^2 +
+    C + 2 Q s + M s^2; ``start`` (n, 3) um and ``unit`` (n, 3) of the first segment; ``foot`` (n, 3) and ``drift``
+    (n, 3): the vector from the other's axis to the point at s is foot + s drift. M = sin^2 of the angle between the
+    segments.
     """
 
     segments: IntArray
@@ -168,12 +169,14 @@ class Stretches:
         return np.asarray(self.reach - np.sqrt(np.maximum(square, 0.0)))
 
 
-def touching_stretches(system: FilamentSystem, positions: FloatArray, touching: np.ndarray | None = None) -> Stretches:
+def touching_stretches(
+    system: FilamentSystem, positions: FloatArray, touching: np.ndarray | None = None, higher_first: bool = False
+) -> Stretches:
     """Stretches in which segments of different filaments touch, as ``pair_style capsule`` finds them.
 
     Every point of the filament of the lower number belongs to the segment of the other between whose end planes it
-    lies. ``touching`` (n_beads,) bool: a segment takes part if both its beads do. Periodic images count. Raises
-    InputError for non-finite positions.
+    lies; of the higher one, if ``higher_first``. ``touching`` (n_beads,) bool: a segment takes part if both its beads
+    do. Periodic images count. Raises InputError for non-finite positions.
     """
     if not np.all(np.isfinite(positions)):
         raise InputError("positions", int(np.sum(~np.isfinite(positions))), "finite values only")
@@ -190,7 +193,7 @@ def touching_stretches(system: FilamentSystem, positions: FloatArray, touching: 
     for one, other in near_pairs(s, 2 * float(radius.max(initial=0.0)), period, system.tilt):
         keep = takes_part[one] & takes_part[other]
         pairs = np.sort(np.column_stack([one[keep], other[keep]]), axis=1)
-        pairs = np.unique(pairs, axis=0)
+        pairs = np.unique(pairs, axis=0)[:, :: -1 if higher_first else 1]
         a, b = pairs[:, 0], pairs[:, 1]
         shift = image_shift(s, a, b, period, system.tilt)
         w = s.start[a] - (s.start[b] + shift)

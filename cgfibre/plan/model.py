@@ -138,7 +138,8 @@ class Contact:
     secant at the design load and ``modulus`` kPa the E* of the line contact, softened. ``line_stiffness`` kPa is the
     real secant stiffness per length that ``softening`` divides. ``kinetic`` friction of what slips (None: as
     ``friction``); ``by_angle`` ((angle rad, mu), ...) in the place of ``friction``. Law table: ``pair`` and ``platen``
-    are its rows (overlap um, force per length nN/um, the same on the way back or None).
+    are its rows (overlap um, force per length nN/um, the same on the way back or None). ``both_sides``: the force is
+    the mean of what either segment of a pair sees, so that neither of two tows is the one pressed at a point.
     """
 
     law: str
@@ -154,6 +155,7 @@ class Contact:
     by_angle: tuple[tuple[float, float], ...] | None = None
     pair: tuple[LawRow, ...] = ()
     platen: tuple[LawRow, ...] = ()
+    both_sides: bool = False
 
     @property
     def per_length(self) -> bool:

@@ -70,7 +70,7 @@ def plan_pressing(
     depth, load = stops.depth, stops.load
     eps = GAIN * scene.model.accuracy
     reference = estimate.displacement(REFERENCE_LOAD * load)
-    d = np.linspace(min(reference, depth / 2), depth, 60)
+    d = np.linspace(reference if reference < 0.9 * depth else depth / 2, depth, 60)
     force = np.array([estimate.force(float(x)) for x in d])
     stiffness = np.array([estimate.stiffness(f) for f in force])
     bound = eps * force / np.sqrt(stiffness * mass)

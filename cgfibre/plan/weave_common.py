@@ -36,13 +36,14 @@ MIDDLE = 0.1
 @dataclass(frozen=True)
 class Touching:
     """Stiffness (kPa) and damping (nN us/um2) that contacts add to a bead, per length: of ``pairs`` at once, which
-    move too, and of one platen."""
+    move too, and of one platen; ``both_sides`` as :class:`Contact`."""
 
     pairs: int
     pair: float
     platen: float
     pair_damping: float
     platen_damping: float
+    both_sides: bool = False
 
 
 def chain_beads(
@@ -55,7 +56,8 @@ def chain_beads(
     """(beads, limiting time step us): real masses; bounds of stretching, bending, contacts with their damping, and what
     ``joints`` to other chains add to every bead, nN/um.
 
-    Friction on a segment's side moves its ends by 1 +- 2 R/s: (1 + 4 (R/s)^2) times the stiffness along it.
+    Friction on a segment's side moves its ends by 1 +- 2 R/s: (1 + 4 (R/s)^2) times the stiffness along it. Seen from
+    both sides half of it acts at 2 R, half at the axis: (1 + 8 (R/s)^2) times.
     """
     lengths, first = system.bond_lengths(), 0
     hinge, bound, place = (np.zeros(system.n_beads) for _ in range(3))
@@ -84,7 +86,8 @@ def chain_beads(
     share = system.tributary_lengths()
     kind_of = system.filament_type[system.filament_of_bead]
     mass = np.array([t.mass_per_length for t in system.types])[kind_of] * share
-    lever = 1 + 4 * (system.diameter[system.filament_of_bead] / 2 / float(np.median(lengths))) ** 2
+    slender = system.diameter[system.filament_of_bead] / 2 / float(np.median(lengths))
+    lever = 1 + (8 if touching.both_sides else 4) * slender**2
     inertia = rod.SPHERE_INERTIA if level == "rod" else np.inf
     along = np.maximum(1.0, TANGENTIAL_RATIO * (lever if level == "chain" else 1 + 0.25 / inertia))
     stiffness = share * (2 * touching.pairs * touching.pair + touching.platen) * along

@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 
 from cgfibre.build.system import FilamentSystem
 from cgfibre.mechanics.contact import damping_coefficient
+from cgfibre.plan.arches import arches
 from cgfibre.plan.common import checked_step, friction
 from cgfibre.plan.contact import CAPSULE_DAMPING, TANGENTIAL_RATIO, damping_ratio
 from cgfibre.plan.cost import joint_cost, predicted_seconds
@@ -47,10 +48,11 @@ SPACING_ERROR = 0.02
 @dataclass(frozen=True)
 class Fabric:
     """The static estimate of a fabric at rest between platens: every crossing carries its share of the load from the
-    upper platen through both tows to the lower one, and tows do not bend.
+    upper platen through both tows to the lower one, beside the flanks of tows that are arches.
 
-    ``crossings`` in the cell; ``pair`` force (nN) of one crossing at an overlap (um); ``top`` and ``bottom`` force of a
-    platen on the whole cell at the depth by which it overlaps the highest tow.
+    ``crossings`` in the cell; ``pair`` force (nN) of one crossing, with its flanks, at a way (um) by which its two axes
+    come nearer: the gap as built, then their overlap; ``top`` and ``bottom`` force of a platen on the whole cell at the
+    depth by which it overlaps the highest tow.
     """
 
     crossings: int
@@ -82,8 +84,9 @@ class Fabric:
         return 2 * step / (self.displacement(force + step) - self.displacement(force - step))
 
 
-def fabric(scene: Scene, system: FilamentSystem, laws: tuple[ChainLaw, ChainLaw]) -> Fabric:
-    """The static estimate for tows with these laws (warp, weft; a crossing takes their mean)."""
+def fabric(scene: Scene, system: FilamentSystem, laws: tuple[ChainLaw, ChainLaw], softening: float = 1.0) -> Fabric:
+    """The static estimate for tows with these laws (warp, weft; a crossing takes their mean) and their EA divided by
+    ``softening``."""
     w = scene.weave
     diameter = system.diameter[system.filament_of_bead]
     kind = system.filament_type[system.filament_of_bead]
@@ -99,12 +102,14 @@ def fabric(scene: Scene, system: FilamentSystem, laws: tuple[ChainLaw, ChainLaw]
         np.sum(system.filament_type == system.filament_type[-1])
         / len(np.unique(system.tow[system.filament_type == system.filament_type[-1]]))
     )
+    flanks = arches(scene, system, softening)
 
-    def pair(overlap: float) -> float:
-        half = math.sqrt(max(0.0, 2 * wide * overlap))
+    def pair(way: float) -> float:
+        overlap = max(0.0, way - w.gap)
+        half = math.sqrt(2 * wide * overlap)
         y = overlap * (1 - s**2)
         f = 0.5 * (laws[0].force(y) + laws[1].force(y))
-        return chains * other * half * float(np.trapezoid(f, s))
+        return chains * other * half * float(np.trapezoid(f, s)) + flanks(way)
 
     def platen(sign: float) -> Callable[[float], float]:
         reach = sign * z + diameter / 2
@@ -118,7 +123,7 @@ def fabric(scene: Scene, system: FilamentSystem, laws: tuple[ChainLaw, ChainLaw]
 
         return force
 
-    return Fabric(w.tows.warp * w.tows.weft, pair, platen(1.0), platen(-1.0), 0.5 * thickness)
+    return Fabric(w.tows.warp * w.tows.weft, pair, platen(1.0), platen(-1.0), 0.5 * thickness + w.gap)
 
 
 def _spacing(scene: Scene) -> tuple[float, Choice]:
@@ -158,6 +163,7 @@ def tow_contact(scene: Scene, tows: tuple[TowModel, TowModel], laws: tuple[Chain
         by_angle=c.friction_by_angle,
         pair=() if linear else pair,
         platen=() if linear else _mean_rows(laws, "platen"),
+        both_sides=True,  # soft tows touch over lengths like their segments'
     )
 
 
@@ -186,7 +192,8 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
         chain_law(law, tows[1].chain.diameter, tows[1].shape.width, tows[1].chains),
     )
     contact = tow_contact(scene, tows, laws)
-    estimate = fabric(scene, system, laws)
+    axial = 1.0 if scene.model.axial_softening == "auto" else float(scene.model.axial_softening)
+    estimate = fabric(scene, system, laws, axial)
     height = built_height(system)
     stops = planned_stop(scene, height, estimate)
     choices += [
@@ -197,7 +204,6 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
         rest_choice(scene, level.value),
         *torsion_choices(scene, level.value, tows),
     ]
-    axial = 1.0 if scene.model.axial_softening == "auto" else float(scene.model.axial_softening)
     choices.append(
         Choice(
             "axial softening", f"{axial:g}", "the cell is held: crimp that is pressed out goes into the tows' length"
@@ -205,7 +211,7 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     )
     platens = _platens(scene, contact, min(t.chain.mass_per_length for t in tows))
     pair, wall = (max(law.slope(stops.depth)[k] for law in laws) for k in (0, 1))
-    touching = Touching(PAIRS, pair, wall, contact.gamma, platens.gamma)
+    touching = Touching(PAIRS, pair, wall, contact.gamma, platens.gamma, contact.both_sides)
     ribbon = None
     if level.value == "chain":
         ribbon, more = plan_ribbon(scene, system, tows, law, stops.depth, axial)

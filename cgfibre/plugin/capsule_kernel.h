@@ -249,9 +249,10 @@ template <bool SPIN> LANE_INLINE void press_group(PressLanes &all, int first, co
   const Lanes s = at / (pressed ? sum : every(1.0)), along = e + b * s;
   const Lanes xi = s * Ainverse, eta = along * Binverse;
 
-  // friction, from the axes to the point where the surfaces touch, along the line between them: it takes no angular momentum
+  // friction, from the axes to the point where the surfaces touch (or to B's axis), along the line between them: it takes
+  // no angular momentum
   Lanes slide[3], armA[3], armB[3], turnA[3], turnB[3], rollA[3], rollB[3];
-  const Lanes rA = -Aradius / D, rB = Bradius / D;
+  const Lanes rA = all.on_second_axis ? every(-1.0) : -Aradius / D, rB = all.on_second_axis ? zero : Bradius / D;
   for (int d = 0; d < 3; d++) {
     const Lanes way = p0[d] + s * m[d];
     armA[d] = rA * way;
@@ -348,7 +349,7 @@ template <bool SPIN> LANE_INLINE void press_group(PressLanes &all, int first, co
   keep(all.slips + first, slipping);
   for (int d = 0; d < 3; d++) {
     keep(all.friction_force[d] + first, friction[d]);
-    keep(all.point[d] + first, Ax[d] + s * At[d] + armA[d]);
+    keep(all.point[d] + first, Ax[d] + s * At[d] - Aradius / D * (p0[d] + s * m[d]));
   }
   if (all.energy) {
     // three points: the energy is of the fourth order where the force is of the second

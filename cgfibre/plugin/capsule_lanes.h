@@ -19,7 +19,7 @@ struct alignas(64) Segment {
   double v[3], dv[3], unused[2];              // velocity at the first bead, and from the first to the second
 };
 
-// Whether segments A (lower molecules) meet segments B, and between which arc lengths of A. The squared distance of A's
+// Whether segments A (of the lower molecules, or either way) meet segments B, and between which arc lengths of A. The squared distance of A's
 // point at arc length s from B's axis is a parabola in s, so the stretch in contact has closed limits.
 struct MeetLanes {
   const Segment *A[LANES], *B[LANES];
@@ -41,6 +41,7 @@ struct PressLanes {
   double *history[LANES];
   const double *omega[4][LANES];    // of the beads, where they turn with the filament
   double dt;
+  bool on_second_axis;    // friction acts there, not where the surfaces touch
   bool advance, energy;
 
   alignas(64) double force[4][3][LANES], torque[4][3][LANES];    // on first and second bead of A, of B

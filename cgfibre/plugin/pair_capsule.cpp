@@ -28,7 +28,7 @@ constexpr double NONE_CLOSE = 1e20;
 
 }    // namespace
 
-PairCapsule::PairCapsule(LAMMPS *lmp) : Pair(lmp), reach(0.0), spin(false), kernels(lane_kernels()), chain(nullptr), store(nullptr), stale(true), warned(false)
+PairCapsule::PairCapsule(LAMMPS *lmp) : Pair(lmp), reach(0.0), spin(false), two_sided(false), kernels(lane_kernels()), chain(nullptr), store(nullptr), stale(true), warned(false)
 {
   single_enable = 1;
   restartinfo = 0;    // the deck gives pair_style and pair_coeff again after read_restart
@@ -64,15 +64,20 @@ void PairCapsule::allocate()
   active.assign(n, 0);
 }
 
-// pair_style capsule REACH [spin yes|no]
+// pair_style capsule REACH [spin yes|no] [sides one|both]
 void PairCapsule::settings(int narg, char **arg)
 {
-  if (narg != 1 && narg != 3) error->all(FLERR, "pair_style capsule takes the longest segment, um, and spin yes|no");
+  if (narg % 2 == 0) error->all(FLERR, "pair_style capsule takes the longest segment, um, spin yes|no and sides one|both");
   reach = utils::numeric(FLERR, arg[0], false, lmp);
   if (!(reach > 0.0)) error->all(FLERR, "pair_style capsule: longest segment {} um, expected above 0", reach);
-  if (narg == 3) {
-    if (strcmp(arg[1], "spin") != 0) error->all(FLERR, "pair_style capsule: unknown keyword {}, expected spin", arg[1]);
-    spin = utils::logical(FLERR, arg[2], false, lmp) == 1;
+  for (int iarg = 1; iarg < narg; iarg += 2) {
+    const std::string word = arg[iarg], value = arg[iarg + 1];
+    if (word == "spin")
+      spin = utils::logical(FLERR, arg[iarg + 1], false, lmp) == 1;
+    else if (word == "sides" && (value == "one" || value == "both"))
+      two_sided = value == "both";
+    else
+      error->all(FLERR, "pair_style capsule: unknown words {} {}, expected spin yes|no, sides one|both", word, value);
   }
 }
 
@@ -212,7 +217,7 @@ void PairCapsule::find_pairs()
     return place[a];
   };
   int row = -1;
-  search.pairs(near, neighbor->skin, [&](int a, int b) {
+  search.pairs(near, neighbor->skin, two_sided, [&](int a, int b) {
     const int i = near[a].bead, j = near[b].bead;
     if (of_types(type[i], type[j]).law.kind() == NormalLaw::NONE) return;
     if (a != row) {
@@ -374,10 +379,26 @@ void PairCapsule::press(PressLanes &all, int count) const
     all.history[l] = nothing;
     for (int n = 0; n < 4; n++) all.omega[n][l] = all.omega[n][0];
   }
+  // Seen from both sides, on average at the surfaces: a chain takes its couple as the first, over the length of the
+  // contact. As the second it would take it across one segment, and behind a joint suddenly across the next.
+  all.on_second_axis = two_sided && !spin;
   if (spin)
     kernels->press_spin(all);
   else
     kernels->press(all);
+  if (!two_sided) return;
+  const auto halve = [count](double *values) {    // the other half comes from the other side
+    for (int l = 0; l < count; l++) values[l] *= 0.5;
+  };
+  for (int d = 0; d < 3; d++) {
+    for (int n = 0; n < 4; n++) {
+      halve(all.force[n][d]);
+      if (spin) halve(all.torque[n][d]);
+    }
+    halve(all.friction_force[d]);
+  }
+  halve(all.normal);
+  halve(all.length);
 }
 
 CapsuleContact PairCapsule::contact_of(const PressLanes &all, int lane) const
@@ -481,7 +502,7 @@ void PairCapsule::add_loads(bool advance)
       held[touching[l].partner] = h[0] != 0.0 || h[1] != 0.0 || h[2] != 0.0;
     }
     if (evflag) {
-      contacts += 1.0;
+      contacts += two_sided ? 0.5 : 1.0;
       contact_length += pressing.length[l];
       closest = std::min(closest, pressing.distance[l]);
       tally(on, pressing, l);
@@ -567,21 +588,25 @@ double PairCapsule::single(int i, int j, int, int, double, double, double, doubl
     error->all(FLERR, "pair_style capsule: compute pair/local misses contacts of other ranks, use compute capsule/local");
   fforce = 0.0;
   for (int k = 0; k < single_extra; k++) svector[k] = 0.0;
-  const int a = atom->molecule[i] < atom->molecule[j] ? i : j, b = a == i ? j : i;
-  const auto row = row_of.find(atom->tag[a]);
-  if (row == row_of.end()) return 0.0;
-  CapsuleContact contact;
-  for (int k = rows[row->second]; k < rows[row->second + 1]; k++) {
-    if (atom->tag[beads[partners[k]].first] != atom->tag[b]) continue;
-    if (!look(row->second, k, contact)) break;
-    fforce = svector[0] = contact.normal;
-    for (int d = 0; d < 3; d++) svector[1 + d] = contact.friction[d];
-    svector[4] = contact.length;
-    svector[5] = contact.distance;
-    svector[6] = contact.angle();
-    return contact.energy;
+  int a = atom->molecule[i] < atom->molecule[j] ? i : j, b = a == i ? j : i;
+  double energy = 0.0;
+  for (int side = 0; side < (two_sided ? 2 : 1); side++, std::swap(a, b)) {
+    const auto row = row_of.find(atom->tag[a]);
+    if (row == row_of.end()) continue;
+    CapsuleContact contact;
+    for (int k = rows[row->second]; k < rows[row->second + 1]; k++) {
+      if (atom->tag[beads[partners[k]].first] != atom->tag[b]) continue;
+      if (!look(row->second, k, contact)) break;
+      fforce = svector[0] += contact.normal;
+      for (int d = 0; d < 3; d++) svector[1 + d] += side ? -contact.friction[d] : contact.friction[d];
+      svector[4] += contact.length;
+      svector[5] = svector[5] > 0.0 ? std::min(svector[5], contact.distance) : contact.distance;
+      svector[6] = contact.angle();
+      energy += contact.energy;
+      break;
+    }
   }
-  return 0.0;
+  return energy;
 }
 
 // the contact as it stands, history untouched

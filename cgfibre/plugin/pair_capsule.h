@@ -27,7 +27,7 @@ namespace cgfibre {
 
 class FixSegments;
 
-// what one pair of segments is found to do; forces on the segment of the lower molecule
+// what one pair of segments is found to do; forces on the first, of the lower molecule where pairs are found once
 struct CapsuleContact {
   double normal = 0.0;    // sum of the normal forces, nN
   double friction[3] = {0.0, 0.0, 0.0};
@@ -83,6 +83,7 @@ class PairCapsule : public LAMMPS_NS::Pair, public HistoryOwner {
 
   double reach;    // longest segment that touches, um
   bool spin;       // beads turn with the filament
+  bool two_sided;  // every pair is found twice, from either segment, with half the force
   std::vector<Coefficients> coefficients;    // of pairs of types
   std::vector<char> active;                  // types whose segments touch
 
