@@ -97,7 +97,7 @@ def test_before_and_during_come_to_the_same_and_say_what_they_did(weave):
     full = c["fibre_volume_fraction"] * c["thickness_um"] * area
     assert full == pytest.approx(full[0], rel=1e-3)  # means over a window, of different readings
     # the stop is a pressure on the area of the moment
-    assert 0.2 <= c["pressure_MPa"][-1] < 0.22 and c["force_top_N"][-1] < 20
+    assert 0.2 <= c["pressure_MPa"][-1] < 0.21 and c["force_top_N"][-1] < 20
     again = store.read_curve(weave.folder / "during/curve.csv")
     assert again.cell["shear_rad"] == pytest.approx(turn) and again.cell.keys() == c.cell.keys()
     stored = store.read_results(weave.folder / "during/results.h5")
@@ -199,7 +199,7 @@ def test_sheared_under_load_work_is_not_made_and_friction_takes_some(weave):
         changes = {"contact.friction": mu, "platens.friction": 0.0, "platens.unload": True, "model.accuracy": 0.05}
         c = weave(name, changes | {"cell": {"shear": "30 deg", "when": "during"}}).curve
         total.append(float(c.work[-1] / c.work.max()))
-    assert abs(total[0]) < 0.015 and 0.02 < total[1] < 0.2, total
+    assert abs(total[0]) < 0.015 and 0.03 < total[1] < 0.2, total
 
 
 def test_free_edges_keep_their_tension_while_the_fabric_spreads(weave):

@@ -9,7 +9,6 @@ import numpy as np
 from cgfibre.build.system import FilamentSystem, FloatArray
 from cgfibre.mechanics.arch import arch_force
 from cgfibre.scene import Scene
-from cgfibre.scene_assembly import PlaneStrain
 
 
 def arches(scene: Scene, system: FilamentSystem, softening: float) -> Callable[[float], float]:
@@ -17,13 +16,10 @@ def arches(scene: Scene, system: FilamentSystem, softening: float) -> Callable[[
     goes down by half of it.
 
     The sum of :func:`arch_force` over all passages of tows from side to side, over the crossings. ``softening`` divides
-    EA. Tows of a strained cell, with floats, or along which the cell is free or pulled at, bend alone: what they push
-    against gives.
+    EA. Tows along which the cell is free, or pulled at, have nothing to push against and bend alone.
     """
     w = scene.weave
     EA, EI = (np.array([getattr(t, name) for t in system.types]) for name in ("EA", "EI"))
-    cell = scene.in_plane
-    held = cell.edges != "free" and cell.strain == PlaneStrain()  # strain changes the height by itself
     rows = []
     for tow in np.unique(system.tow):
         members = np.flatnonzero(system.tow == tow)
@@ -36,10 +32,7 @@ def arches(scene: Scene, system: FilamentSystem, softening: float) -> Callable[[
             continue
         kind = system.filament_type[members]
         flank = w.spacing.weft if warp else w.spacing.warp
-        pull = cell.tension.warp if warp else cell.tension.weft
-        # beside a float the thrust finds room
-        floats = closed and row[0] < (w.tows.weft if warp else w.tows.warp)
-        axial = float(EA[kind].sum()) / softening if held and pull == 0 and not floats else 0.0
+        axial = float(EA[kind].sum()) / softening if _held(scene, warp) else 0.0
         rows.append((*row, axial, float(EI[kind].sum()), flank))
     crossings = w.tows.warp * w.tows.weft
 
@@ -47,6 +40,13 @@ def arches(scene: Scene, system: FilamentSystem, softening: float) -> Callable[[
         return sum(float(n * arch_force(way / 2, *of)) for n, *of in rows) / crossings
 
     return force
+
+
+def _held(scene: Scene, warp: bool) -> bool:
+    """Whether the cell cannot give along warp (or weft) tows."""
+    cell = scene.in_plane
+    strain, pull = (cell.strain.x, cell.tension.warp) if warp else (cell.strain.y, cell.tension.weft)
+    return strain != 0 or (cell.edges != "free" and pull == 0)
 
 
 def _shape(line: FloatArray, period: float, axis: int) -> tuple[int, float, float, float] | None:
