@@ -348,7 +348,7 @@ class Cell(Table):
     tension a tow along warp and weft. A patch takes the same at the ends of its tows.
 
     ``when``: "before" the platen moves, "during" its first loading, in proportion to its way until it has gone ``over``
-    so much ("auto": the way to that loading's stop, or a third of the way planned where it stops by load), or "after"
+    so much ("auto": the way to that loading's stop, or half of the way estimated where it stops by load), or "after"
     the last loading, the platens held. Then it stays, to the end.
     Edges are "held" (the fabric cannot spread), or "free" where no strain is given: without stress, or under tension.
     """

@@ -27,6 +27,7 @@ special_bonds lj 0 0 0
 include plugin.inc
 pair_style capsule ${{reach}} sides ${{sides}}
 read_data system.data
+{box}
 bond_coeff *
 pair_coeff * * ${{law}}
 neighbor ${{skin}} bin
@@ -38,17 +39,18 @@ dump_modify forces sort id format float "%.17g"
 dump rows all local 1 rows.txt c_rows[*]
 dump_modify rows format float "%.17g"
 timestep 1e-9
-run 0
+{run}
 print "cgfibre: done"
 """
 
 
 @dataclass(frozen=True)
 class Box:
-    """Edges um and whether the box is periodic."""
+    """Edges um, whether the box is periodic, and whether it is one that can be sheared."""
 
     edges: np.ndarray
     periodic: bool = False
+    tilts: bool = False
 
 
 @dataclass(frozen=True)
@@ -57,15 +59,18 @@ class Found:
 
     forces: np.ndarray
     rows: np.ndarray = field(repr=False)
+    rows_last: np.ndarray = field(repr=False)
 
 
-def forces_on(folder: Path, filaments, box: Box, ranks=1, diameter=7.0, engine=None, **variables):
-    """Forces on polylines, (n, 3) um each, at rest; one molecule each, in their order."""
+def forces_on(folder: Path, filaments, box: Box, ranks=1, diameter=7.0, engine=None, run="run 0", **variables):
+    """Forces on polylines, (n, 3) um each, at rest; one molecule each, in their order. ``run``: the deck's last lines;
+    forces and rows are those of its first step, rows_last those of the last one."""
     folder.mkdir(parents=True, exist_ok=True)
     engine = find_engine() if engine is None else engine
     (folder / "plugin.inc").write_text("plugin load ${plugin}\ncgfibre_plugin\n")
     copy_plugin(folder, engine)
-    (folder / "in.bench").write_text(DECK.format(boundary="p p p" if box.periodic else "m m m"))
+    boundary, kind = "p p p" if box.periodic else "m m m", "change_box all triclinic" if box.tilts else ""
+    (folder / "in.bench").write_text(DECK.format(boundary=boundary, box=kind, run=run))
     points = np.concatenate(filaments)
     start = np.cumsum([0, *(len(f) for f in filaments)])
     bonds = [(k + 1, k + 2) for a, b in pairwise(start.tolist()) for k in range(a, b - 1)]
@@ -83,6 +88,11 @@ def forces_on(folder: Path, filaments, box: Box, ranks=1, diameter=7.0, engine=N
     (folder / "system.data").write_text("\n".join(lines))
     given = plugin_variables(folder, engine) | {k: str(v) for k, v in variables.items()}
     run_deck(engine, folder, "in.bench", ranks, given)
-    rows = (folder / "rows.txt").read_text().split("ITEM: TIMESTEP\n")[1].splitlines()[8:]
+    steps = (folder / "rows.txt").read_text().split("ITEM: TIMESTEP\n")[1:]
+    first, last = (_sorted(steps[k].splitlines()[8:]) for k in (0, -1))
+    return Found(states(folder / "forces.txt")[0], first, last)
+
+
+def _sorted(rows):
     table = np.array([line.split() for line in rows], dtype=float).reshape(-1, 19)
-    return Found(states(folder / "forces.txt")[0], table[np.lexsort((table[:, 1], table[:, 0]))])
+    return table[np.lexsort((table[:, 1], table[:, 0]))]

@@ -312,3 +312,32 @@ def built_with_sanitizers(tmp_path_factory):
     """Library built with sanitizers, once a session; in a folder without blanks."""
     folder = tmp_path_factory.getbasetemp() / "sanitized"
     return build_plugin(Build(out=folder, sanitize=True)).library
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_box_that_moves_beads_beside_their_velocities_slides_their_surfaces(tmp_path, axis):
+    """Two filaments side by side along x, or along y, in a box whose upper y edge goes along x at 7 um/us: they slide
+    along each other by the shear times their distance, those along x as one is carried further than the other, those
+    along y as both turn. The springs say so. A box whose beads are mapped by their velocities adds nothing."""
+    stiffness, edge, steps, rate, apart = 1e5, 100.0, 5, 7.0, 6.9
+    line = np.zeros((5, 3))
+    line[:, axis] = np.linspace(20, 80, 5)
+    other = line.copy()
+    other[:, 1 - axis] += apart
+    box = Box(np.array([[0.0, edge]] * 3), True, tilts=True)
+    words = f"hooke {stiffness} damping 0 tangential 0.5 0 friction 1e9"
+    slides = {}
+    for remap in ("x", "v"):
+        moves = f"""run 0 post no
+variable none equal 0
+variable rate equal {rate}
+fix box all deform 1 xy variable v_none v_rate remap {remap} flip no
+run {steps} post no"""
+        found = forces_on(tmp_path / remap, [line, other], box, reach=20.0, law=words, run=moves).rows_last
+        assert len(found) == 4 and np.allclose(found[:, 14], 15.0)
+        slides[remap] = found[:, 5:8] / (0.5 * stiffness * 15.0)
+    # the first step knows no rate yet; the filament of the lower number is carried along by the other one
+    way = np.zeros((4, 3))
+    way[:, axis] = rate / edge * apart * (steps - 1) * 1e-9
+    assert slides["x"] == pytest.approx(way, rel=1e-6, abs=1e-18)
+    assert np.all(slides["v"] == 0)

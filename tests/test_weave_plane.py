@@ -86,10 +86,10 @@ def test_before_and_during_come_to_the_same_and_say_what_they_did(weave):
     assert (x[0], y[0], turn[0]) == (1e4, 1e4, 0.0)
     assert (x[-1], y[-1], turn[-1]) == pytest.approx((1.01e4, 1e4, np.radians(20)), rel=1e-4)
     assert np.all(np.diff(x) >= -1e-9) and np.all(np.diff(turn) >= 0)
-    # in proportion to the platen's way, to its third as planned
+    # in proportion to the platen's way, to half of that estimated
     plan = make_plan(scene_from_dict(changed(FAST | {"cell": cell | {"when": "during"}})))
     over = plan.woven.over
-    assert over == pytest.approx(plan.motion.planned_displacement / 3)
+    assert 0.3 * c["displacement_um"][-1] < over < 0.7 * c["displacement_um"][-1]
     way = np.minimum(c["displacement_um"] / over, 1)
     assert turn[2:] == pytest.approx(np.radians(20) * way[2:], abs=0.01 * np.radians(20))
     area = x * y * np.cos(turn)
@@ -97,7 +97,7 @@ def test_before_and_during_come_to_the_same_and_say_what_they_did(weave):
     full = c["fibre_volume_fraction"] * c["thickness_um"] * area
     assert full == pytest.approx(full[0], rel=1e-3)  # means over a window, of different readings
     # the stop is a pressure on the area of the moment
-    assert 0.2 <= c["pressure_MPa"][-1] < 0.21 and c["force_top_N"][-1] < 20
+    assert c["pressure_MPa"][-2] < 0.2 <= c["pressure_MPa"][-1]
     again = store.read_curve(weave.folder / "during/curve.csv")
     assert again.cell["shear_rad"] == pytest.approx(turn) and again.cell.keys() == c.cell.keys()
     stored = store.read_results(weave.folder / "during/results.h5")
@@ -199,7 +199,7 @@ def test_sheared_under_load_work_is_not_made_and_friction_takes_some(weave):
         changes = {"contact.friction": mu, "platens.friction": 0.0, "platens.unload": True, "model.accuracy": 0.05}
         c = weave(name, changes | {"cell": {"shear": "30 deg", "when": "during"}}).curve
         total.append(float(c.work[-1] / c.work.max()))
-    assert abs(total[0]) < 0.015 and 0.03 < total[1] < 0.2, total
+    assert abs(total[0]) < 0.01 and 0.02 < total[1] < 0.2, total
 
 
 def test_free_edges_keep_their_tension_while_the_fabric_spreads(weave):
@@ -208,7 +208,7 @@ def test_free_edges_keep_their_tension_while_the_fabric_spreads(weave):
     quick = weave("quick", {"cell": cell, "model.accuracy": 0.08})
     pulls = np.array([quick.curve.cell[f"tension_{t}_N"][1:] for t in ("warp", "weft")])
     full = quick.curve.cell["shear_rad"][1:] > 0.999 * np.radians(15)
-    assert full.sum() > 5 and pulls[:, full] == pytest.approx(2.0, rel=0.03)
+    assert full.sum() >= 4 and pulls[:, full] == pytest.approx(2.0, rel=0.03)
     slow = weave("slow", {"cell": cell, "model.accuracy": 0.02})
     assert np.allclose(thickness(quick), thickness(slow), rtol=1e-3)
     assert np.ptp(slow.curve.cell["cell_x_um"][1:][slow.curve.cell["shear_rad"][1:] > 0.26]) > 10

@@ -113,7 +113,7 @@ def test_in_the_plane(weave):
     assert sheared.summary["warnings"] == pulled.summary["warnings"] == strained.summary["warnings"] == []
     for name, (values, _) in as_built.review.statistics.items():
         if not name.startswith(("crossing", "contact", "displacement", "open", "void", "hydraulic", "largest")):
-            assert sheared.review.statistics[name][0] == pytest.approx(values, rel=1e-3), name
+            assert sheared.review.statistics[name][0] == pytest.approx(values, rel=3e-3), name
     # the weft moves apart with the cell, which its warp follows: crimp (as built 3.5 %) goes, tows stay whole
     results = read_results(weave.folder / "strained/results.h5")
     fabric = strained.review.statistics

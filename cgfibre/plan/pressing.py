@@ -36,24 +36,18 @@ class Estimate(Protocol):
 
 @dataclass(frozen=True)
 class Stops:
-    """The planned stop: displacement ``depth`` um and ``load`` nN there; ``earlier`` um of the cycles before it."""
+    """The planned stop: displacement ``depth`` um and ``load`` nN there; ``way`` um of the first loading over which a
+    fabric is loaded in its plane alongside, if the scene does not say; ``earlier`` um of the cycles before it."""
 
     depth: float
     load: float
+    way: float
     earlier: tuple[float, ...] = ()
 
 
 def way_in_plane(scene: Scene, stops: Stops) -> float:
-    """Way of the platen over which the fabric is loaded in its plane (cell.when = "during"), um.
-
-    "auto": of the first loading's planned way all where it stops by place, a third where it stops by load: such ways
-    are planned longer than needed.
-    """
-    if scene.in_plane.over != "auto":
-        return float(scene.in_plane.over)
-    first = scene.platens.cycles[0] if scene.platens.cycles else scene.platens.stop
-    depth = stops.earlier[0] if stops.earlier else stops.depth
-    return depth if first.kind in ("displacement", "thickness") else depth / 3
+    """Way of the platen over which the fabric is loaded in its plane (cell.when = "during"), um."""
+    return stops.way if scene.in_plane.over == "auto" else float(scene.in_plane.over)
 
 
 def preparation_steps(scene: Scene, period: float, timestep: float) -> int:

@@ -8,17 +8,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from cgfibre.build.system import FilamentSystem, FloatArray
-from cgfibre.build.weave_spec import WeaveSpec, transition
+from cgfibre.build.weave_spec import WeaveSpec, transition, weave_geometry
 from cgfibre.errors import InputError
 from cgfibre.mechanics import rod, trellis
 from cgfibre.plan.contact import TANGENTIAL_DAMPING, TANGENTIAL_RATIO
 from cgfibre.plan.model import CONTACT, LEFT, RIGHT, ROD_DAMPING, Beads, Choice, Woven
 from cgfibre.plan.pressing import Estimate, Stops, preparation_steps, way_in_plane
-from cgfibre.plan.tows import weave_spec
+from cgfibre.plan.tows import tow_models, weave_spec
 from cgfibre.scene import Scene, Stop
 
 #: displacement planned for a stop by load, over that of the static estimate
 MARGIN = 1.5
+#: part of the way estimated to a stop by load over which a weave is loaded in its plane alongside
+SOON = 0.5
+#: stops that say where, not how hard
+BY_PLACE = ("displacement", "thickness")
+#: part of a tow's crimp that tension is expected to take out of it at most
+PULLED_OUT = 0.25
 #: part of the thickness beyond which no fabric is pressed
 DEEPEST = 0.75
 #: of a diameter: how far beads may go before neighbours are looked for again
@@ -120,11 +126,14 @@ def _tow_height(system: FilamentSystem, filament: int, end: int) -> float:
 def planned_stop(scene: Scene, height: float, estimate: Estimate) -> Stops:
     """The planned stop and the cycles before it; InputError for one beyond what a fabric can give."""
     depth, load = _one_stop(scene, "platens.stop", scene.platens.stop, height, estimate)
+    first, first_load = scene.platens.stop, load
     earlier: list[float] = []
     for k, cycle in enumerate(scene.platens.cycles):
-        least = _one_stop(scene, f"platens.cycles.{k}", cycle, height, estimate)[0]
-        earlier += cycle.times * [least if cycle.kind in ("displacement", "thickness") else min(least, depth)]
-    return Stops(depth, load, tuple(earlier))
+        least, needed = _one_stop(scene, f"platens.cycles.{k}", cycle, height, estimate)
+        earlier += cycle.times * [least if cycle.kind in BY_PLACE else min(least, depth)]
+        first, first_load = (cycle, needed) if k == 0 else (first, first_load)
+    way = (earlier or [depth])[0] if first.kind in BY_PLACE else SOON * estimate.displacement(first_load)
+    return Stops(depth, load, way, tuple(earlier))
 
 
 def _one_stop(scene: Scene, key: str, stop: Stop, height: float, estimate: Estimate) -> tuple[float, float]:
@@ -138,7 +147,26 @@ def _one_stop(scene: Scene, key: str, stop: Stop, height: float, estimate: Estim
         return depth, estimate.force(depth)
     loads = (stop.force, (stop.pressure or 0.0) * length * width, (stop.line_force or 0.0) * length)
     load = next(float(x) for x in loads if x)
-    return min(MARGIN * estimate.displacement(load), DEEPEST * height), load
+    return min(MARGIN * estimate.displacement(load) + crests_lost(scene), DEEPEST * height), load
+
+
+def crests_lost(scene: Scene) -> float:
+    """How much lower the crests of tows may come by what happens in the plane, um: those that are strained, or pulled.
+
+    A tow whose crimp c loses a strain e keeps sqrt(1 - e/c) of its height above the middle. Under tension e is that of
+    a tow by itself, T (1/EA + h^2/(2 EI)), but no more than :data:`PULLED_OUT` of its crimp: other tows hold it.
+    """
+    cell, spec = scene.in_plane, weave_spec(scene.weave)
+    if (cell.strain.x, cell.strain.y, cell.tension.warp, cell.tension.weft) == (0, 0, 0, 0):
+        return 0.0
+    lost, crimp, heights = 0.0, weave_geometry(spec).crimp, spec.amplitudes
+    given = ((cell.strain.x, cell.tension.warp), (cell.strain.y, cell.tension.weft))
+    for (strain, pull), model, c, h in zip(given, tow_models(scene), crimp, heights, strict=True):
+        tow = model.whole
+        pulled = min(pull * (1 / tow.EA + h**2 / (2 * tow.EI)), PULLED_OUT * c)
+        gone = min(max(strain, pulled), c)
+        lost += h * (1 - math.sqrt(1 - gone / c)) if c > 0 and gone > 0 else 0.0
+    return lost
 
 
 def built_height(system: FilamentSystem) -> float:
