@@ -6,10 +6,10 @@ Presses 2 x 2 cells of nylon yarns of 12 and of 30 filaments to 0.2 MPa: the sam
 variant. Runs that lie in the folder already are found again, one that was stopped goes on. Hours for all of it: the
 finest beads take most. ``--table``: no runs, tables and the figure docs/figures/fabric_contact.png of what is there.
 
-The error of a variant is the difference of its thickness to that of the reference (finer capsules under a slower platen)
-at the same pressure and of the same specimen. Filaments that give way make a single pair of curves differ by more than
-any variant's fault: a specimen moved by 1e-6 um shows by how much. So errors are the mean over specimens, with its
-standard error, and what is compared is that mean curve.
+The error of a variant is the difference of its thickness to that of the reference (finer capsules under a slower
+platen) at the same pressure and of the same specimen. Filaments that give way make a single pair of curves differ by
+more than any variant's fault: a specimen moved by 1e-6 um shows by how much. So errors are the mean over specimens,
+with its standard error, and what is compared is that mean curve.
 """
 
 from __future__ import annotations
@@ -281,8 +281,10 @@ def text_of(cell: Cell, out: Path) -> str:
             f"reference {cell.reference.name}, {len(have)} specimens, {np.mean([x.cpu for x in have]):.0f} CPU s: "
             f"{' '.join(f'{t:.0f} +- {s:.0f}' for t, s in zip(mean, spread, strict=True))} um at {TOLD} MPa (s.d.)"
         )
-    lines.append("| variant | specimens | beads | steps | CPU s | error at 0.05, 0.1, 0.2 MPa, um | r.m.s. of the mean "
-                 "curve, um (of displacement) | without scatter | one specimen |")
+    lines.append(
+        "| variant | specimens | beads | steps | CPU s | error at 0.05, 0.1, 0.2 MPa, um | r.m.s. of the mean "
+        "curve, um (of displacement) | without scatter | one specimen |"
+    )
     lines.append("|" + "---|" * 9)
     for row in rows_of(cell, out):
         told = ", ".join(f"{e:+.1f} ± {s:.1f}" for e, s in zip(row.told, row.told_error, strict=True))
@@ -319,14 +321,31 @@ def draw(cells: Sequence[Cell], out: Path) -> None:
         known = [f[1] for f in found if f]
         if known:
             ax.axhline(known[0], color="0.6", ls=":", lw=1)
-            ax.annotate("one run's scatter", (0.99, known[0]), xycoords=("axes fraction", "data"), ha="right",
-                        va="bottom", fontsize=7, color="0.4")
-        ax.set(xscale="log", yscale="log", xlabel="engine, CPU s", ylabel="error of the mean curve, um",
-               title=f"2 x 2 yarns of {cell.filaments} filaments")
+            ax.annotate(
+                "one run's scatter",
+                (0.99, known[0]),
+                xycoords=("axes fraction", "data"),
+                ha="right",
+                va="bottom",
+                fontsize=7,
+                color="0.4",
+            )
+        ax.set(
+            xscale="log",
+            yscale="log",
+            xlabel="engine, CPU s",
+            ylabel="error of the mean curve, um",
+            title=f"2 x 2 yarns of {cell.filaments} filaments",
+        )
         for shape, own in COLOURS.items():
             ax.plot([], [], "o" if shape == "capsule" else "s", color=own, ms=4, label=f"{shape}s".replace("ss", "s"))
         ax.legend(fontsize=7, loc="upper right")
     figure.savefig(FIGURE, dpi=90)
+
+
+def told(done: float, total: float, last: str) -> None:
+    """Progress."""
+    print(f"{done / total:4.0%} {last}", flush=True)
 
 
 def main() -> None:
@@ -341,7 +360,7 @@ def main() -> None:
     for cell in cells:
         if not a.table:
             runs = [r for r in cell.runs(a.out) if r.plan.predicted_seconds <= a.longest]
-            failed = run_all(runs, SweepOptions(resume=True, trim=True), lambda d, t, last: print(f"{d / t:4.0%} {last}", flush=True))
+            failed = run_all(runs, SweepOptions(resume=True, trim=True), told)
             for folder, why in failed.items():
                 print(f"{folder.name}: {why}")
         print(text_of(cell, a.out))
