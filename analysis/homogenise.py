@@ -13,7 +13,7 @@ from pathlib import Path
 
 from cgfibre.homogenise import LawOptions, derive_law, law_lines, section_scene
 from cgfibre.plot_subbundle import figure_law
-from cgfibre.scene import load_scene
+from cgfibre.scene_reading import load_scene
 from cgfibre.subbundle_law import find_law
 
 ROOT = Path(__file__).resolve().parent.parent

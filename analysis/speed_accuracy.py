@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from cgfibre import plot
+from cgfibre import plot_chart
 from cgfibre.cases import friction
 from cgfibre.cases.experiment import Measured
 from cgfibre.cases.pressing import pressed_alone
@@ -135,7 +135,7 @@ def trials_text(part: str, title: str, trials: Sequence[tuple[str, Trial]]) -> s
         print(f"{m.level} {m.spacing:g} {name}: {m.error:+.2e}, {m.cpu:.3g} s", flush=True)
         found.append((name, m))
     figure = f"speed-accuracy-{part}.png"
-    fig = plot.figure_trials([m for _, m in found], [name for name, _ in found], title)
+    fig = plot_chart.figure_trials([m for _, m in found], [name for name, _ in found], title)
     fig.savefig(FIGURES / figure)
     cells = (
         (m.level, f"{m.spacing:.3g}" if m.spacing else "", name, m.quantity, f"{m.cpu:.3g}", f"{m.error:+.1e}")

@@ -38,7 +38,8 @@ from cgfibre.plan.model import Plan
 from cgfibre.plan.system import build_system
 from cgfibre.record import Curve
 from cgfibre.review import PRESSURES, SPEED_FACTOR, speed_change
-from cgfibre.scene import Scene, scene_from_dict
+from cgfibre.scene import Scene
+from cgfibre.scene_reading import scene_from_dict
 
 #: part of the error -> folder of the finer run that shows it, and what the run is called
 FOLDERS = {"speed": "half-speed", "spacing": "half-spacing", "contact": "half-softening"}

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from cgfibre import plot, store
+from cgfibre import plot_chart, store
 from cgfibre.build.system import FloatArray
 from cgfibre.errors import EngineError, InputError
 from cgfibre.measure.compaction import thickness_at_pressure
@@ -30,7 +30,8 @@ from cgfibre.plan.model import Plan
 from cgfibre.plan.motion import REFERENCE_DISPLACEMENT
 from cgfibre.record import Curve
 from cgfibre.review import speed_change
-from cgfibre.scene import Scene, load_scene
+from cgfibre.scene import Scene
+from cgfibre.scene_reading import load_scene
 from cgfibre.sweep import Progress, SweepOptions, SweepRun, run_all, start_overrides
 from cgfibre.workflow import RUN_FILES, plan_scene
 
@@ -576,10 +577,10 @@ def table_of(chart: Chart) -> dict[str, tuple[list[Any], str]]:
     return columns
 
 
-def points_of(chart: Chart) -> list[plot.ChartPoint]:
+def points_of(chart: Chart) -> list[plot_chart.ChartPoint]:
     """What the picture shows of each variant but the reference."""
     return [
-        plot.ChartPoint(
+        plot_chart.ChartPoint(
             r.name,
             f"{r.level}, {r.shape}" if r.shape else r.level,
             r.cpu,
@@ -610,7 +611,7 @@ def write_chart(chart: Chart) -> None:
     }
     store.write_json(chart.out / "chart.json", facts)
     reference = next(r for r in chart.rows if r.reference)
-    fig = plot.figure_chart(
+    fig = plot_chart.figure_chart(
         points_of(chart),
         chart.goal,
         f"Mean error of the force beyond {chart.start:.2g} µm (%)",

@@ -390,13 +390,13 @@ def signal(
 @_guarded
 def scenes(name: str | None) -> None:
     """List the shipped scenes, or print one as TOML."""
-    from cgfibre import scene as scene_module
+    from cgfibre import scene_reading
 
     if name:
-        click.echo(scene_module.scene_text(name), nl=False)
+        click.echo(scene_reading.scene_text(name), nl=False)
         return
-    for shipped in scene_module.shipped_scenes():
-        click.echo(f"{shipped:24s} {scene_module.scene_description(shipped)}")
+    for shipped in scene_reading.shipped_scenes():
+        click.echo(f"{shipped:24s} {scene_reading.scene_description(shipped)}")
 
 
 @main.group()

@@ -23,7 +23,8 @@ from cgfibre.mechanics.contact import damping_coefficient
 from cgfibre.plan.beads import SAFETY
 from cgfibre.plan.contact import BEAD_DAMPING, ContactPlan, plan_contact
 from cgfibre.plan.section import DISC_INERTIA
-from cgfibre.scene import Scene, load_scene, scene_from_dict
+from cgfibre.scene import Scene
+from cgfibre.scene_reading import load_scene, scene_from_dict
 from cgfibre.subbundle_law import State, SubbundleLaw, Table
 
 Note = Callable[[str], None]

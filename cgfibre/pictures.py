@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cgfibre import plot, plot_section
+from cgfibre import plot, plot_bundle, plot_section
 from cgfibre.build.system import FilamentSystem
 from cgfibre.engine.assemble import crimp_cylinders, platen_heights
 from cgfibre.measure import distribution
@@ -63,8 +63,6 @@ def draw_all(
         return made
     shown = frames_to_show(frames)
     if plan.woven is not None:
-        if plan.woven.shear != 0:
-            return made  # measured in a square cell alone
         return made + draw_fabric(out, plan, system, curve, frames, statistics or {}, shown)
     x, d = mid_plane(scene, plan), float(np.max(system.diameter))
     heights = platen_heights(system, plan)
@@ -189,8 +187,8 @@ def _bundle(
         ()
         if plan.platens.shape == "crimped"
         else (
-            plot.PlatenFace(heights[0] - float(frames.displacement_um[k]), True, span, (low, high)),
-            plot.PlatenFace(heights[1], False, lower, (low, high)),
+            plot_bundle.PlatenFace(heights[0] - float(frames.displacement_um[k]), True, span, (low, high)),
+            plot_bundle.PlatenFace(heights[1], False, lower, (low, high)),
         )
     )
     force, colours = None, None
@@ -198,7 +196,7 @@ def _bundle(
         contacts = contacts_under_platen(plan, system, positions, float(frames.factor[k]))
         force = contacts.force_per_filament(system.n_filaments) * 1e-6
         colours = plot.Colours.spanning("contact force on a filament (mN)", force)
-    view = plot.BundleView(
+    view = plot_bundle.BundleView(
         values=force, colours=colours, platens=faces, title=f"pressed by {frames.displacement_um[k]:.3g} µm"
     )
-    return _save(plot.figure_bundle_3d(system, positions, view), out / "bundle.png")
+    return _save(plot_bundle.figure_bundle_3d(system, positions, view), out / "bundle.png")

@@ -69,8 +69,10 @@ def _sections(plan: Plan, fabric: Fabric, frames: Frames, shown: Sequence[tuple[
             place = planes_of(now, frames.positions[0 if frames.box is None else k])[side]
             bottom, top = _faces(plan, fabric, frames, k)
             cut = cut_fabric(now, frames.positions[k], 0, place)
+            if frames.tilt.any():  # planes that turn with the weft are shown from their edges on
+                cut = cut.from_edge(0.0)
             views.append(plot_fabric.CutView(cut, fabric.axis, bottom, top, f"{where}, {title}"))
-    return plot_fabric.figure_cuts(views)
+    return plot_fabric.figure_cuts(views, "along the weft" if frames.tilt.any() else "")
 
 
 def _pressures(curve: Curve, frames: Frames) -> FloatArray:
@@ -107,13 +109,18 @@ def _crossings(
     system, positions = frames.system_at(fabric.system, peak), frames.positions[peak]
     fabric = replace(fabric, system=system)
     lines = tow_lines(fabric, positions)
-    touch = touches(fabric, positions, line_law(plan, system), hertz_modulus(plan))
+    law, sides = line_law(plan, system), plan.contact.both_sides
+    touch = touches(fabric, positions, law, hertz_modulus(plan), both_sides=sides)
     loads = crossing_loads(fabric, tow_crossings(fabric, lines), touch)
     period = period_of(system)[:2]
-    low = np.where(period > 0, system.box[:2, 0], positions[:, :2].min(axis=0))
-    high = np.where(period > 0, system.box[:2, 1], positions[:, :2].max(axis=0))
+    corner = np.where(period > 0, system.box[:2, 0], positions[:, :2].min(axis=0))
+    straight = system.upright(positions[:, :2] - corner) + corner
+    low = np.where(period > 0, system.box[:2, 0], straight.min(axis=0))
+    high = np.where(period > 0, system.box[:2, 1], straight.max(axis=0))
+    tilt = system.tilt * float((high[1] - low[1]) / np.ptp(system.box[1]))
     width = np.array([float(statistics[f"width_{('warp', 'weft')[a]}_crossing"][0][peak]) for a in fabric.axis])
-    view = plot_fabric.CrossingMap(loads, [line.points for line in lines], width, fabric.axis, np.stack([low, high], 1))
+    size, plan_of = np.stack([low, high], 1), [line.points for line in lines]
+    view = plot_fabric.CrossingMap(loads, plan_of, width, fabric.axis, size, tilt)
     through = statistics["crossing_force"][0].sum(axis=1) * 1e-9
     top = np.interp(frames.step, curve["step"], curve["force_top_N"])
     balance = plot_fabric.Balance(_pressures(curve, frames), top, through)

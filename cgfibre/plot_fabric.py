@@ -117,8 +117,9 @@ def _limits(views: Sequence[CutView]) -> tuple[FloatArray, FloatArray]:
     return low - np.array([0.0, pad]), high + np.array([0.0, pad])
 
 
-def figure_cuts(views: Sequence[CutView]) -> Figure:
-    """Sections below each other on the same scale; warp blue, weft vermilion."""
+def figure_cuts(views: Sequence[CutView], across: str = "") -> Figure:
+    """Sections below each other on the same scale; warp blue, weft vermilion. ``across``: what the planes run along,
+    if not y or x."""
     if not views:
         raise InputError("views", 0, "at least one section")
     low, high = _limits(views)
@@ -138,7 +139,7 @@ def figure_cuts(views: Sequence[CutView]) -> Figure:
             ax.set_ylabel("z (mm)" if mm else "z (µm)")
             ax.locator_params(axis="y", nbins=3)
         names = {v.cut.axis for v in views}
-        across = "y" if names == {0} else "x" if names == {1} else "y or x"
+        across = across or ("y" if names == {0} else "x" if names == {1} else "y or x")
         axes[-1].set_xlabel(f"{across} ({'mm' if mm else 'µm'})")
         _direction_legend(axes[0])
     return fig
@@ -225,13 +226,15 @@ def figure_crimp(history: CrimpHistory, title: str = "") -> Figure:
 @dataclass(frozen=True)
 class CrossingMap:
     """What :func:`plot_crossings` shows: forces at crossings, and the ``lines`` (n, 3) um of the tows with their
-    ``width`` um and ``axis``; ``size`` (2, 2) um: low and high of x and of y."""
+    ``width`` um and ``axis``; ``size`` (2, 2) um: low and high of x and of y; ``tilt`` um by which the upper edge of a
+    sheared fabric lies over the lower one."""
 
     loads: CrossingLoads
     lines: Sequence[FloatArray]
     width: FloatArray
     axis: IntArray
     size: FloatArray
+    tilt: float = 0.0
 
 
 def plot_crossings(ax: Axes, view: CrossingMap) -> Axes:
@@ -240,7 +243,7 @@ def plot_crossings(ax: Axes, view: CrossingMap) -> Axes:
     The tow above is drawn above, and named where there are few crossings (warp runs along x).
     """
     from matplotlib.collections import PatchCollection
-    from matplotlib.patches import Circle, Polygon, Rectangle
+    from matplotlib.patches import Circle, Polygon
 
     force = view.loads.through * 1e-9
     largest = float(np.max(np.abs(force), initial=0.0))
@@ -259,13 +262,22 @@ def plot_crossings(ax: Axes, view: CrossingMap) -> Axes:
             above = 1 + 0.1 * view.axis[tow]
             ax.add_patch(Polygon(outline, facecolor=tints[tow], edgecolor="white", lw=0.8, zorder=above))
         low, high = view.size[:, 0], view.size[:, 1]
-        places = low + np.mod(view.loads.place[:, :2] - low, high - low)
+        # in the cell, sheared or not; the directions of warp and weft, and how much wider one cuts the other
+        slope = view.tilt / float(high[1] - low[1])
+        places = view.loads.place[:, :2] - low
+        places[:, 0] -= slope * places[:, 1]
+        places = np.mod(places, high - low)
+        places[:, 0] += slope * places[:, 1]
+        places += low
+        wider = float(np.hypot(1.0, slope))
+        along = np.array([[1.0, 0.0], [slope / wider, 1.0 / wider]])
         for k in np.flatnonzero(view.loads.warp_above).tolist():
             # weft was drawn last: the warp once more where it lies above
             warp, weft = view.loads.warp[k], view.loads.weft[k]
-            size = np.array([1.1 * view.width[weft], view.width[warp]]) * scale
-            corner = places[k] * scale - size / 2
-            ax.add_patch(Rectangle((corner[0], corner[1]), size[0], size[1], facecolor=tints[warp], lw=0, zorder=2))
+            half = np.array([1.1 * view.width[weft], view.width[warp]]) * wider * scale / 2
+            corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
+            patch = places[k] * scale + corners @ along
+            ax.add_patch(Polygon(patch, facecolor=tints[warp], lw=0, zorder=2))
         radius = 0.32 * float(np.min(view.width)) * scale
         discs = [Circle((p[0] * scale, p[1] * scale), radius) for p in places]
         shown = PatchCollection(discs, cmap=colours.cmap, edgecolor=INK, lw=0.8, zorder=3)
@@ -284,12 +296,12 @@ def plot_crossings(ax: Axes, view: CrossingMap) -> Axes:
                 fontsize=7,
                 zorder=4,
             )
-        ax.set_xlim(low[0] * scale, high[0] * scale)
+        ax.set_xlim((low[0] + min(view.tilt, 0.0)) * scale, (high[0] + max(view.tilt, 0.0)) * scale)
         ax.set_ylim(low[1] * scale, high[1] * scale)
         ax.set_aspect("equal")
         ax.grid(False)
         ax.set_xlabel(f"x, along the warp ({'mm' if mm else 'µm'})")
-        ax.set_ylabel(f"y, along the weft ({'mm' if mm else 'µm'})")
+        ax.set_ylabel(f"y{'' if view.tilt else ', along the weft'} ({'mm' if mm else 'µm'})")
         bar = ax.figure.colorbar(shown, ax=ax, shrink=0.85)
         bar.set_label(colours.label)
         bar.outline.set_visible(False)

@@ -12,7 +12,8 @@ import numpy as np
 from cgfibre.build.system import FloatArray
 from cgfibre.measure.signal import Mean, TestRig, TrialFriction, WrapRegression
 from cgfibre.measure.spectrum import Line, Spectra
-from cgfibre.plot import BLUE, COLOURS, GREEN, GREY, INK, VERMILION, new_figure, style
+from cgfibre.plot import BLUE, GREEN, GREY, INK, VERMILION, new_figure, style
+from cgfibre.plot_chart import COLOURS
 
 if TYPE_CHECKING:
     from cgfibre.plot import Axes, Figure

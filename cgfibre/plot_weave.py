@@ -11,18 +11,8 @@ import numpy as np
 from cgfibre.build.system import BoolArray, FilamentSystem, FloatArray
 from cgfibre.errors import InputError
 from cgfibre.measure.fabric import lines_of
-from cgfibre.plot import (
-    BLUE,
-    INK,
-    PIXEL_BUDGET,
-    VERMILION,
-    BundleView,
-    Camera,
-    Tubes,
-    new_figure,
-    render_tubes,
-    style,
-)
+from cgfibre.plot import BLUE, INK, VERMILION, new_figure, style
+from cgfibre.plot_bundle import PIXEL_BUDGET, BundleView, Camera, Tubes, render_tubes
 
 if TYPE_CHECKING:
     from cgfibre.plot import Axes, Figure
@@ -47,8 +37,8 @@ class TowView:
 
 
 def along_x(system: FilamentSystem) -> BoolArray:
-    """(n_filaments,) whether a filament runs more along x (warp) than along y (weft)."""
-    bonds, vector = system.bonds(), np.abs(system.bond_vectors())
+    """(n_filaments,) whether a filament runs more along x (warp) than along y (weft), before its cell was sheared."""
+    bonds, vector = system.bonds(), np.abs(system.upright(system.bond_vectors()))
     filament = system.filament_of_bead[bonds[:, 0]]
     run = [np.bincount(filament, vector[:, axis], system.n_filaments) for axis in (0, 1)]
     return np.asarray(run[0] >= run[1])
@@ -72,10 +62,7 @@ def draw_tows(
     if positions.shape != (system.n_beads, 3) or not np.all(np.isfinite(positions)):
         raise InputError("positions", positions.shape, f"shape ({system.n_beads}, 3), finite")
     camera = Camera.of(BundleView(azimuth=view.azimuth, elevation=view.elevation))
-    vector = positions[bonds[:, 1]] - positions[bonds[:, 0]]
-    size = system.box[:, 1] - system.box[:, 0]
-    for axis in np.flatnonzero(system.periodic):
-        vector[:, axis] -= size[axis] * np.round(vector[:, axis] / size[axis])
+    vector = system.nearest(positions[bonds[:, 1]] - positions[bonds[:, 0]])
     start, d = camera(positions[bonds[:, 0]]), camera(vector)
     radius = 0.5 * system.diameter
     ends = np.concatenate([start, start + d])[:, :2]
@@ -135,7 +122,8 @@ def repeated(system: FilamentSystem, least: int = 4) -> FilamentSystem:
     for axis, across in ((0, ~warp), (1, warp)):
         if system.periodic[axis]:
             counts[axis] = max(1, -(-least // max(1, len(np.unique(system.tow[across])))))
-    shifts = [np.array([i * size[0], j * size[1], 0.0]) for i in range(counts[0]) for j in range(counts[1])]
+    steps = [(i, j) for i in range(counts[0]) for j in range(counts[1])]
+    shifts = [np.array([i * size[0] + j * system.tilt, j * size[1], 0.0]) for i, j in steps]
     points = np.concatenate([lines.points + shift for shift in shifts])
     starts = [lines.start[:-1] + k * len(lines.points) for k in range(len(shifts))]
     n, copies = system.n_filaments, len(shifts)
@@ -149,6 +137,7 @@ def repeated(system: FilamentSystem, least: int = 4) -> FilamentSystem:
         box=np.stack([points.min(axis=0), points.max(axis=0)], axis=1),
         periodic=np.zeros(3, dtype=bool),
         prestrain=np.zeros(n * copies),
+        tilt=system.tilt / float(size[1]) * float(np.ptp(points[:, 1])),
     )
 
 

@@ -27,6 +27,16 @@ CURVE_COLUMNS: dict[str, str] = {
 }
 
 
+#: what curve.csv and /record have beside them of a weave that is loaded in its plane, with units
+CELL_COLUMNS: dict[str, str] = {
+    "cell_x_um": "um",
+    "cell_y_um": "um",
+    "shear_rad": "rad",
+    "tension_warp_N": "N",
+    "tension_weft_N": "N",
+    "shear_couple_N_per_m": "N/m",
+    "work_cell_J": "J",
+}
 #: what curve.csv has beside them where there is more than one cycle; always in /record
 CYCLE_COLUMNS = ("cycle", "phase")
 
@@ -46,12 +56,17 @@ class Curve:
     stated depth). ``phase`` is (n_samples,) int: 0 loading, 1 holding, 2 unloading. ``width_um`` is the width of the
     assembly under the platen at the sample. ``cycle`` (n_samples,) int counts the loadings from 1 (not given: one); the
     last one ends at the scene's stop.
+
+    ``cell`` has one array a column of :data:`CELL_COLUMNS`, of a weave that is loaded in its plane, else nothing: edges
+    of the cell or patch along warp and weft, the weft's turn, tension a tow, the couple that resists a change of the
+    angle over the cell's area x y, and the work of the edges since the platens began to move.
     """
 
     columns: dict[str, FloatArray]
     phase: IntArray
     width_um: FloatArray
     cycle: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    cell: dict[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         missing = set(CURVE_COLUMNS) - set(self.columns)
@@ -65,6 +80,11 @@ class Curve:
 
     def __len__(self) -> int:
         return len(self.phase)
+
+    @property
+    def work(self) -> FloatArray:
+        """(n_samples,) J, work of the platens and, in the plane, of the cell's edges."""
+        return self["work_J"] + self.cell["work_cell_J"] if self.cell else self["work_J"]
 
     @property
     def loading(self) -> np.ndarray:
@@ -92,7 +112,8 @@ class Curve:
         if len(before) and keep.any():
             keep[before[-1]], phase[before[-1]] = True, 0
         columns = {name: values[keep] for name, values in self.columns.items()}
-        return Curve(columns, phase[keep], self.width_um[keep])
+        cell = {name: values[keep] for name, values in self.cell.items()}
+        return Curve(columns, phase[keep], self.width_um[keep], cell=cell)
 
 
 @dataclass(frozen=True)
@@ -117,8 +138,9 @@ class Frames:
 
     ``positions`` (n_frames, n_beads, 3) um, unwrapped, in the axes of the scene (x along, y across, z compaction);
     ``step`` (n_frames,); ``displacement_um`` (n_frames,) of the platen; ``factor`` (n_frames,): how many times stiffer
-    than at first contacts had become (not given: 1). ``box`` (n_frames, 3, 2) um, bounds of a cell that is strained or
-    pulled in its plane; None: as built.
+    than at first contacts had become (not given: 1). ``box`` (n_frames, 3, 2) um, bounds of the box of a weave that is
+    loaded in its plane, and ``tilt`` (n_frames,) um, how far its upper y edge lies over the lower one along x (not
+    given: 0); None: as built.
     """
 
     step: IntArray
@@ -126,14 +148,19 @@ class Frames:
     positions: FloatArray
     factor: FloatArray = field(default_factory=lambda: np.empty(0))
     box: FloatArray | None = None
+    tilt: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         if len(self.factor) == 0:
             object.__setattr__(self, "factor", np.ones(len(self.step)))
+        if len(self.tilt) == 0:
+            object.__setattr__(self, "tilt", np.zeros(len(self.step)))
 
     def __len__(self) -> int:
         return len(self.step)
 
     def system_at(self, system: FilamentSystem, k: int) -> FilamentSystem:
         """``system``, as built, in frame ``k``: with its positions and its box."""
-        return replace(system, positions=self.positions[k], box=system.box if self.box is None else self.box[k])
+        if self.box is None:
+            return replace(system, positions=self.positions[k])
+        return replace(system, positions=self.positions[k], box=self.box[k], tilt=float(self.tilt[k]))

@@ -23,7 +23,7 @@ from cgfibre.plan.contact import OVERLAP_LIMIT
 from cgfibre.plan.model import FREE, Plan, every_bead
 from cgfibre.plan.motion import REFERENCE_DISPLACEMENT
 from cgfibre.record import Balance, Curve, Frames
-from cgfibre.review_fabric import fabric_statistics, passing_guard, upright
+from cgfibre.review_fabric import fabric_statistics, passing_guard, plane_guard, upright
 from cgfibre.scene import Scene
 
 #: largest kinetic energy over work beyond the reference displacement
@@ -39,6 +39,8 @@ FAST = 1.5
 SLIDE_LIMIT = 0.15
 #: largest turn of a section's disc on the engine's own fixes: its spring's torque k sin(turn) is then 4 % below k turn
 TURN_LIMIT = 0.5
+#: largest roll of a rod, rad: beyond half a turn it is not told from one the other way
+ROLL_LIMIT = 3.1
 #: approach over D at which the line contact's theory ends: b/R = 0.58 at 10 N/mm of carbon, 6 % soft there
 APPROACH_LIMIT = 0.25
 #: the same of soft tows over their thickness: half of it
@@ -190,7 +192,9 @@ def _guards(scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, fram
     if not found[0].ok or not all(g.ok for g in found) or len(frames) == 0:
         return found  # geometry of what is not finite says nothing
     if plan.woven is not None:
-        found.append(passing_guard(system, plan, upright(plan, system, frames)))
+        found.append(passing_guard(system, plan, upright(system, frames)))
+        if plan.woven.moved and curve.cell:
+            found.append(plane_guard(plan.woven, curve))
     else:
         found.append(guards.filaments_through_each_other(system, frames, swaps))
     for side, span in enumerate((plan.platens.top_span, plan.platens.bottom_span)):
@@ -199,15 +203,14 @@ def _guards(scene: Scene, plan: Plan, system: FilamentSystem, curve: Curve, fram
         gaps = [[platen_gaps(plan, system, float(d))[side]] for d in frames.displacement_um]
         found.append(
             guards.beads_past_platen(
-                Frames(frames.step, frames.displacement_um, frames.positions[:, pressed], box=frames.box),
+                Frames(frames.step, frames.displacement_um, frames.positions[:, pressed]),
                 gaps,
                 f"beads past the {('top', 'bottom')[side]} platen",
             )
         )
     if not plan.flat:
         found.append(guards.stretch(system, frames, plan.axial_softening))
-        if plan.woven is None or plan.woven.shear == 0:  # the cell's edges are square in what was built
-            found.append(guards.largest_bend(system, frames))
+        found.append(guards.largest_bend(system, frames))
         if plan.woven is None:
             found.append(_gone_guard(scene, plan, system, frames))
     found.append(guards.force_balance(curve, applies=plan.beads.support == "periodic"))
@@ -346,6 +349,10 @@ def _extreme_guards(plan: Plan, system: FilamentSystem, extremes: Extremes) -> l
                 f"a disc turned by {turn:.2g} rad (limit {TURN_LIMIT} rad): its torsional spring is too soft there",
             )
         )
+    if plan.level == "rod" and plan.contact.per_length:
+        roll, name = float(np.max(extremes.turn)), "roll of rods"
+        message = f"{name}: a bead turned by up to {roll:.2g} rad about its axis (limit {ROLL_LIMIT} rad: half a turn)"
+        found.append(Guard(name, roll <= ROLL_LIMIT, roll, ROLL_LIMIT, message))
     return found
 
 
@@ -384,11 +391,10 @@ def frame_statistics(
 ) -> dict[str, tuple[np.ndarray, str]]:
     """Distribution of the filaments under the middle of the platen and their contacts, one row a frame."""
     if plan.woven is not None:
-        if plan.woven.shear != 0:
-            return {}  # measured in a square cell alone
         top, bottom = platen_heights(system, plan)
         faces = np.column_stack([np.full(len(frames), bottom), top - frames.displacement_um])
-        return fabric_statistics(system, frames, faces, line_law(plan, system), hertz_modulus(plan))
+        law, modulus = line_law(plan, system), hertz_modulus(plan)
+        return fabric_statistics(system, frames, faces, law, modulus, plan.contact.both_sides)
     x = mid_plane(scene, plan)
     d = float(np.max(system.diameter))
     rows: list[dict[str, Any]] = []

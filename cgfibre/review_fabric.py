@@ -12,14 +12,24 @@ from cgfibre.build.system import FilamentSystem, FloatArray
 from cgfibre.measure.crossing_forces import crossing_loads, touches
 from cgfibre.measure.crossings import Crossings, filament_crossings, through_each_other, tow_crossings
 from cgfibre.measure.fabric import Fabric, TowLine, areal_density, fabric_of, lines_of, tow_lines
-from cgfibre.measure.fabric_section import Room, open_area, room_between, tow_image, tow_sections
+from cgfibre.measure.fabric_section import (
+    Room,
+    open_area,
+    plane_frame,
+    plane_window,
+    room_between,
+    tow_image,
+    tow_sections,
+)
 from cgfibre.measure.guards import Guard
 from cgfibre.measure.segments import LineLaw, period_of
-from cgfibre.plan.model import Plan
-from cgfibre.record import Frames
+from cgfibre.plan.model import Plan, Woven
+from cgfibre.record import Curve, Frames
 
 #: pixels across the thinnest of tow, filament and cell in pictures of sections and of the plane, and at most in all
 PIXELS, MOST_PIXELS = 12.0, 20_000
+#: of the strain or shear, and of the tension, asked for, that a cell has to come to
+STRAIN_LIMIT, TENSION_LIMIT = 0.98, 0.9
 UNITS = {
     "displacement": "um",
     "crimp_angle": "rad",
@@ -40,22 +50,41 @@ def _units(name: str) -> str:
     return next((unit for start, unit in UNITS.items() if name.startswith(start)), "1")
 
 
-def upright(plan: Plan, system: FilamentSystem, frames: Frames) -> Frames:
-    """Frames of a cell that is moved in its plane, in the cell as built: a strained or pulled one scaled to its size, a
-    sheared one with its edges square again (x - y tan(shear), y/cos(shear)); others as they are.
+def upright(system: FilamentSystem, frames: Frames) -> Frames:
+    """Frames of a weave that is loaded in its plane in the box as built, its strain and shear taken back; others as
+    they are.
 
     Which filament lies above which stays, lengths do not.
     """
-    if frames.box is not None:
-        low, size = frames.box[:, None, :, 0], np.ptp(frames.box, axis=2)[:, None]
-        scaled = system.box[:, 0] + (frames.positions - low) / size * np.ptp(system.box, axis=1)
-        return Frames(frames.step, frames.displacement_um, scaled)
-    if plan.woven is None or plan.woven.shear == 0:
+    if frames.box is None:
         return frames
-    x, y, z = np.moveaxis(frames.positions, -1, 0)
-    shear = plan.woven.shear
-    flat = np.stack([x - y * np.tan(shear), y / np.cos(shear), z], axis=-1)
-    return Frames(frames.step, frames.displacement_um, flat)
+    low, size = frames.box[:, None, :, 0], np.ptp(frames.box, axis=2)[:, None]
+    away = frames.positions - low
+    away[..., 0] -= away[..., 1] * (frames.tilt / size[:, 0, 1])[:, None]
+    back = system.box[:, 0] + away / size * np.ptp(system.box, axis=1)
+    return Frames(frames.step, frames.displacement_um, back)
+
+
+def plane_guard(woven: Woven, curve: Curve) -> Guard:
+    """Whether strain, shear and tension came to what the scene asks for by the end of the run: the least share."""
+    name, cell = "loading in the plane", curve.cell
+    shares = [
+        (float(cell[f"cell_{axis}_um"][-1]) / size - 1) / strain
+        for axis, size, strain in zip("xy", woven.size, woven.strain, strict=True)
+        if strain
+    ]
+    shares += [float(cell["shear_rad"][-1]) / woven.shear] if woven.shear else []
+    pulls = [
+        (float(cell[f"tension_{tow}_N"][-1]) * 1e9 * n / pull, TENSION_LIMIT)
+        for tow, n, pull in zip(("warp", "weft"), woven.tows, woven.tension, strict=True)
+        if pull
+    ]
+    value, limit = min([*((share, STRAIN_LIMIT) for share in shares), *pulls], default=(1.0, STRAIN_LIMIT))
+    message = (
+        f"{name}: {value:.1%} of what was asked for when the run ended (limit {limit:.0%}); a shorter cell.over, or a "
+        "slower platen, brings it further"
+    )
+    return Guard(name, value >= limit, value, limit, message)
 
 
 def passing_guard(system: FilamentSystem, plan: Plan, frames: Frames) -> Guard:
@@ -72,28 +101,29 @@ def passing_guard(system: FilamentSystem, plan: Plan, frames: Frames) -> Guard:
 
 
 def planes_of(fabric: Fabric, positions: FloatArray) -> tuple[float, float]:
-    """x (um) of the planes in which a fabric is looked at: through a weft tow in its middle, half-way to the next.
+    """x (um) of the planes in which a fabric is looked at: through a weft tow in its middle, half-way to the next; of a
+    sheared one along their normal (:func:`plane_frame`).
 
     Where the middle lies between the chains of a ribbon, the plane goes through the nearest of them.
     """
-    lines = sorted((float(x.points[:, 0].mean()), x.tow) for x in tow_lines(fabric, positions) if x.axis == 1)
+    frame = plane_frame(fabric.system, 0)
+    weft_lines = (x for x in tow_lines(fabric, positions) if x.axis == 1)
+    lines = sorted((float(frame.of(x.points)[:, 0].mean()), x.tow) for x in weft_lines)
     weft = [x for x, _ in lines]
     k = (len(weft) - 1) // 2
-    period = float(period_of(fabric.system)[0])
     if k + 1 < len(weft):
         following = weft[k + 1]
     else:
-        following = weft[0] + period if period > 0 else float(positions[:, 0].max())
+        following = weft[0] + frame.normal if frame.normal > 0 else float(frame.of(positions)[:, 0].max())
     return _through(fabric, positions, lines[k][1], weft[k]), (weft[k] + following) / 2
 
 
 def _through(fabric: Fabric, positions: FloatArray, tow: int, middle: float) -> float:
     """``middle``, or x of the filament of the weft ``tow`` nearest to it if none lies there, um."""
     members = fabric.members[tow]
-    runs = lines_of(fabric.system, positions)
-    off = np.array([float(runs[i][:, 0].mean()) for i in members]) - middle
-    period = float(period_of(fabric.system)[0])
-    off -= period * np.round(off / period) if period > 0 else 0.0
+    runs, frame = lines_of(fabric.system, positions), plane_frame(fabric.system, 0)
+    off = np.array([float(frame.of(runs[i])[:, 0].mean()) for i in members]) - middle
+    off -= frame.normal * np.round(off / frame.normal) if frame.normal > 0 else 0.0
     nearest = int(np.argmin(np.abs(off)))
     radius = float(fabric.system.diameter[members[nearest]]) / 2
     return middle if abs(off[nearest]) < radius else middle + float(off[nearest])
@@ -101,29 +131,32 @@ def _through(fabric: Fabric, positions: FloatArray, tow: int, middle: float) -> 
 
 def _room(fabric: Fabric, positions: FloatArray, place: float, faces: FloatArray) -> Room:
     """Room for resin in the plane x = ``place`` um between the platens."""
-    box = fabric.system.box[1]
-    low, high = (box[0], box[1]) if fabric.system.periodic[1] else (positions[:, 1].min(), positions[:, 1].max())
-    limits = np.array([[low, high], faces])
+    limits = np.array([plane_window(fabric.system, positions, 0, place), faces])
     size = limits[:, 1] - limits[:, 0]
     pixel = max(float(fabric.system.diameter.min()) / PIXELS, float(np.sqrt(size[0] * size[1] / MOST_PIXELS)))
     return room_between(tow_image(fabric, positions, (0, place), limits, pixel), pixel)
 
 
 def _open_area(fabric: Fabric, positions: FloatArray) -> float:
-    extent = np.ptp(positions[:, :2], axis=0)
+    extent = np.ptp(fabric.system.upright(positions[:, :2]), axis=0)
     pixel = max(float(fabric.system.diameter.min()) / PIXELS, float(np.sqrt(extent[0] * extent[1] / MOST_PIXELS)))
     return open_area(fabric, positions, pixel)
 
 
 def fabric_statistics(
-    system: FilamentSystem, frames: Frames, faces: FloatArray, law: LineLaw, modulus: float | None
+    system: FilamentSystem,
+    frames: Frames,
+    faces: FloatArray,
+    law: LineLaw,
+    modulus: float | None,
+    both_sides: bool = False,
 ) -> dict[str, tuple[np.ndarray, str]]:
     """Crimp, widths and thicknesses of tows, forces at crossings, room for resin: name -> (one row a frame, units).
 
-    ``faces`` (n_frames, 2) um, z of the bottom and top platen; ``modulus`` as for :func:`touches`. Names end on warp or
-    weft, and on crossing (at the tows' crossings; of the room: in a plane through a weft tow) or between.
-    ``crossing_force`` and ``crossing_area`` (n_frames, n_crossings), ``crossing_place`` (n_frames, n_crossings, 3): by
-    warp tow, then weft tow.
+    ``faces`` (n_frames, 2) um, z of the bottom and top platen; ``modulus``, ``both_sides`` as for :func:`touches`.
+    Names end on warp or weft, and on crossing (at the tows' crossings; of the room: in a plane through a weft tow) or
+    between. ``crossing_force`` and ``crossing_area`` (n_frames, n_crossings), ``crossing_place`` (n_frames,
+    n_crossings, 3): by warp tow, then weft tow.
     """
     fabric = fabric_of(system)
     rows: list[dict[str, Any]] = []
@@ -135,7 +168,7 @@ def fabric_statistics(
         lines = tow_lines(fabric, positions)
         crossings = tow_crossings(fabric, lines)
         row = _tow_row(fabric, lines, crossings, face)
-        row["areal_density"] = areal_density(fabric, positions, _area(fabric, system.positions))
+        row["areal_density"] = areal_density(fabric, positions, _area(fabric, system))
         for place, where in zip(planes, ("crossing", "between"), strict=True):
             room = _room(fabric, positions, place, face)
             row |= {
@@ -144,7 +177,7 @@ def fabric_statistics(
                 f"largest_circle_{where}": room.largest,
             }
         row["open_area"] = _open_area(fabric, positions)
-        touch = touches(fabric, positions, law, modulus)
+        touch = touches(fabric, positions, law, modulus, both_sides=both_sides)
         loads = crossing_loads(fabric, crossings, touch)
         if rows and len(loads.through) != len(rows[0]["crossing_force"]):
             break  # tows have come off each other: their guard says so
@@ -168,10 +201,10 @@ def fabric_statistics(
     return values
 
 
-def _area(fabric: Fabric, built: FloatArray) -> float:
-    """Area of the cell, or of the patch as built, um2."""
-    period = period_of(fabric.system)[:2]
-    size = np.where(period > 0, period, np.ptp(built[:, :2], axis=0))
+def _area(fabric: Fabric, built: FilamentSystem) -> float:
+    """Area of the cell, or of the patch (as ``built``, strained and sheared as its box was since), um2."""
+    period, grown = period_of(fabric.system)[:2], np.ptp(fabric.system.box, axis=1) / np.ptp(built.box, axis=1)
+    size = np.where(period > 0, period, np.ptp(built.positions[:, :2], axis=0) * grown[:2])
     return float(size[0] * size[1])
 
 

@@ -8,25 +8,19 @@ the dotted key, the value and what was expected.
 
 from __future__ import annotations
 
-import difflib
 import math
-import os
-import re
-import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from importlib import resources
-from pathlib import Path
+from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import tomli_w
-from pydantic import BaseModel, BeforeValidator, ValidationError, model_validator
-from pydantic.fields import FieldInfo
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic import BaseModel, BeforeValidator, model_validator
+from pydantic_core import PydanticCustomError
 
 from cgfibre import units
 from cgfibre.errors import InputError
-from cgfibre.materials import MATERIALS, find_material, isotropic_shear_modulus
+from cgfibre.materials import find_material, isotropic_shear_modulus
 from cgfibre.scene_assembly import LEAST_VOID_FRACTION, Bundle, Cell, Weave, full_rings
+from cgfibre.scene_messages import field_value, one_of
 from cgfibre.scene_values import (
     NOT_GIVEN,
     Abridged,
@@ -36,7 +30,6 @@ from cgfibre.scene_values import (
     AutoSpeed,
     AutoSteps,
     AutoTime,
-    CentresText,
     Density,
     ForceOrZero,
     Friction,
@@ -51,7 +44,6 @@ from cgfibre.scene_values import (
     Value,
     refusal,
 )
-from cgfibre.subbundle_law import shipped_laws
 
 #: levels of a cross-section, which have no length along the filaments
 FLAT = ("section", "subbundle")
@@ -87,10 +79,10 @@ class Filament(Table):
             library = find_material(given["material"])
             for key in cls.model_fields:
                 if key not in given and not (key == "G23" and derive):
-                    given[key] = _field_value(cls, key).write(getattr(library, key))
+                    given[key] = field_value(cls, key).write(getattr(library, key))
         if derive and "E2" in given and "nu23" in given:
             try:
-                e2, nu23 = (_field_value(cls, key).read(given[key]) for key in ("E2", "nu23"))
+                e2, nu23 = (field_value(cls, key).read(given[key]) for key in ("E2", "nu23"))
             except PydanticCustomError:
                 return given  # named by its own field
             given["G23"] = units.format(isotropic_shear_modulus(float(e2), float(nu23)), "kPa")
@@ -115,7 +107,7 @@ def _assembly(data: Any) -> Any:
         raise refusal("", data, "a table [assembly]")
     kind = data.get("kind", "bundle")
     if not isinstance(kind, str) or kind not in ASSEMBLIES:
-        raise refusal("kind", kind, _one_of(ASSEMBLIES))
+        raise refusal("kind", kind, one_of(ASSEMBLIES))
     return ASSEMBLIES[kind].model_validate(data)
 
 
@@ -197,7 +189,7 @@ class Platens(Table):
     def _consistent(self) -> Platens:
         if self.shape == "crimped":
             if self.crimp_angle is None:
-                raise refusal("crimp_angle", NOT_GIVEN, _field_value(Platens, "crimp_angle").expected)
+                raise refusal("crimp_angle", NOT_GIVEN, field_value(Platens, "crimp_angle").expected)
             return self
         for key in ("crimp_angle", "crimp_side", "crimp_width", "curvature"):
             if getattr(self, key) != type(self).model_fields[key].default:
@@ -605,8 +597,8 @@ def _check_woven(scene: Scene) -> None:
         raise refusal("ends", Abridged("{...}"), expected)
     if p.shape != "flat" or p.width != "full" or p.bottom_width not in (None, "full"):
         raise refusal("platens", Abridged("{...}"), "shape = 'flat' and width = 'full': platens cover all of a weave")
-    if model.level not in ("auto", "chain"):
-        expected = "'auto' or 'chain' with assembly.kind = 'weave': tows and filaments of a weave are chains"
+    if model.level in FLAT:
+        expected = "'auto', 'chain' or 'rod' with assembly.kind = 'weave': its tows run along x and along y"
         raise refusal("model.level", model.level, expected)
     for key, usual in (("far_field", "none"), ("symmetry", "none"), ("torsion", None)):
         if getattr(model, key) not in (type(model).model_fields[key].default, usual):
@@ -621,7 +613,7 @@ def _check_woven(scene: Scene) -> None:
     elif model.resolve == "auto":
         laws += ("line", "hooke", "hertz")
     if contact.law not in laws:
-        raise refusal("contact.law", contact.law, f"{_one_of(laws)} with model.resolve = {model.resolve!r}")
+        raise refusal("contact.law", contact.law, f"{one_of(laws)} with model.resolve = {model.resolve!r}")
     if (contact.law == "table") != (contact.table is not None):
         key, value = ("table", NOT_GIVEN) if contact.table is None else ("law", contact.law)
         expected = LawText.expected if contact.table is None else "'table', beside contact.table"
@@ -650,17 +642,18 @@ def _check_woven_stop(scene: Scene) -> None:
 
 
 def _check_in_plane(scene: Scene) -> None:
-    """Strain and tension of one direction exclude each other; a patch is held."""
+    """Strain and tension of one direction exclude each other; what belongs to one order of cell and platens alone."""
     cell = scene.in_plane
-    if scene.weave.cell == "patch" and not cell.at_rest:
-        expected = "no such table with assembly.cell = 'patch': its ends are held (or cell = 'periodic')"
-        raise refusal("cell", Abridged("{...}"), expected)
-    if cell.edges == "free" and cell.shear != 0:
-        raise refusal("cell.edges", "free", "'held' with cell.shear: the tows' lengths decide the edges then")
     for axis, tow in (("x", "warp"), ("y", "weft")):
         if getattr(cell.strain, axis) != 0 and getattr(cell.tension, tow) != 0:
             expected = f"0 N where cell.strain.{axis} is given: one follows from the other"
             raise refusal(f"cell.tension.{tow}", cell.tension._shown(tow), expected)
+        if cell.when == "after" and cell.edges == "held" and getattr(cell.tension, tow) != 0:
+            expected = "0 N, or edges = 'free', with when = 'after': tension begins from free edges, not from held ones"
+            raise refusal(f"cell.tension.{tow}", cell.tension._shown(tow), expected)
+    if cell.over != "auto" and cell.when != "during":
+        expected = f"no such key with when = {cell.when!r}: it belongs to 'during'"
+        raise refusal("cell.over", cell._shown("over"), expected)
 
 
 Scene.WEAVE_CHECKS = (_check_woven, _check_woven_stop, _check_in_plane)
@@ -679,331 +672,3 @@ Scene.CHECKS = (
     _check_torsion,
     _check_far_field,
 )
-
-
-# --- reading ---------------------------------------------------------------------------------------------------------
-
-#: known to the interface, refused here
-_LATER: dict[tuple[str, str], str] = {}
-
-_STOP = tuple(f"platens.stop.{key}" for key in Stop.model_fields)
-_PACKING = ("assembly.pitch", "assembly.void_fraction", "assembly.fibre_volume_fraction")
-#: an override of the first drops the others where they are not overridden too
-_SUPERSEDES: dict[str, tuple[str, ...]] = {
-    **{key: tuple(k for k in group if k != key) for group in (_STOP, _PACKING) for key in group},
-    "assembly.centres": ("assembly.count", *_PACKING, "assembly.first_angle", "assembly.aspect"),
-    "filament.material": tuple(f"filament.{key}" for key in Filament.model_fields if key != "material"),
-}
-
-
-def load_scene(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
-    """The scene of a TOML file or of a shipped name, with overrides.
-
-    ``assembly.centres`` may name a CSV file beside the scene's (in an override: from here); its numbers become part of
-    the scene.
-
-    ``overrides`` are "table.key=value" (nested tables too: ``platens.stop.displacement="30 um"``), the value being TOML
-    or else bare text. One of several alternatives (how to stop, how to pack, a material for its constants) takes the
-    place of the one that the scene gives. A file without a name is named after itself.
-    Raises :class:`InputError` for whatever is wrong with the file, the overrides or the scene.
-    """
-    data = read_tables(source, overrides)
-    if "capstan" in data:
-        raise InputError("scene", str(source), f"a compaction scene; this is a friction test: cgfibre capstan {source}")
-    return scene_from_dict(data)
-
-
-def read_tables(source: str | Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
-    """The tables of a TOML file or of a shipped scene, named and with overrides, not yet validated."""
-    text, name = _source(source)
-    data = read_toml(text, "scene", str(source))
-    data.setdefault("name", name)
-    _insert_files(data, Path(source).parent)
-    _insert_law(data, Path(source).parent)
-    _override(data, overrides)
-    _insert_files(data, Path())
-    _insert_law(data, Path())
-    return data
-
-
-def read_toml(text: str, key: str, source: str) -> dict[str, Any]:
-    """Tables of TOML text; InputError with the line that is wrong, for ``key`` and the ``source`` of the text."""
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(key, source, _toml_expectation(text, error)) from None
-
-
-def joined_overrides(*groups: Sequence[str]) -> tuple[str, ...]:
-    """Overrides of several groups as one: a later group's take the place of the same keys, and of the alternatives that
-    they replace, in earlier ones; InputError for a text that is no override."""
-    joined: dict[str, str] = {}
-    for group in groups:
-        new = {_override_parts(text)[0]: text for text in group}
-        for key in new:
-            for other in (key, *_SUPERSEDES.get(key, ())):
-                joined.pop(other, None)
-        joined |= new
-    return tuple(joined.values())
-
-
-def scene_from_dict(data: Mapping[str, Any]) -> Scene:
-    """The scene of nested tables, quantities as text with units; raises :class:`InputError` for the first thing wrong.
-
-    Keys whose value is ``None`` count as not given.
-    """
-    return validated(Scene, data)
-
-
-def validated(kind: type[T], data: Mapping[str, Any]) -> T:
-    """A scene of the ``kind`` from nested tables; raises :class:`InputError` for the first thing wrong."""
-    try:
-        return kind.model_validate(_without_none(data))
-    except ValidationError as error:
-        raise _translated(error, kind) from None
-
-
-def shipped_scenes() -> list[str]:
-    """Names of the scenes that come with the package, in natural order."""
-    files = resources.files("cgfibre").joinpath("scenes").iterdir()
-    names = [f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")]
-    return sorted(names, key=_natural)
-
-
-def scene_description(name: str) -> str:
-    """What a shipped scene says of itself, whatever test it is of."""
-    return str(tomllib.loads(scene_text(name)).get("description", ""))
-
-
-def scene_text(name: str) -> str:
-    """The TOML of a shipped scene, comments and all; raises :class:`InputError` for an unknown name."""
-    if name not in shipped_scenes():
-        raise InputError("scene", name, "the name of a shipped scene" + meant(name, shipped_scenes()))
-    return resources.files("cgfibre").joinpath("scenes", f"{name}.toml").read_text(encoding="utf-8")
-
-
-def _natural(name: str) -> list[tuple[int, str]]:
-    """Numbers in a name by their value, 12k being 12000."""
-    parts = re.findall(r"(\d+)(k?)|(\D+?(?=\d|$))", name)
-    return [(int(number) * (1000 if thousand else 1) if number else 0, text) for number, thousand, text in parts]
-
-
-def _source(source: str | Path) -> tuple[str, str]:
-    """Text of a scene and the name that it goes by."""
-    if isinstance(source, str) and source in shipped_scenes():
-        return scene_text(source), source
-    path = Path(source)
-    try:
-        return path.read_text(encoding="utf-8-sig"), path.stem
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else "not a text file"
-    expected = f"a TOML file that can be read ({reason.lower()})"
-    if isinstance(source, str) and path.suffix != ".toml" and os.sep not in source:
-        expected = f"a TOML file or a shipped scene{meant(source, shipped_scenes()) or ' (cgfibre scenes lists them)'}"
-    raise InputError("scene", str(source), expected)
-
-
-#: keys whose text may stand in a file beside the scene's, and what is expected of it
-_FILES = {
-    ("assembly", "centres"): CentresText.expected,
-    ("assembly", "texgen"): "a .tg3 file of TexGen",
-    ("contact", "table"): LawText.expected,
-}
-
-
-def _insert_files(data: dict[str, Any], folder: Path) -> None:
-    """Put the text of the files that keys name in their place."""
-    for (name, key), expected in _FILES.items():
-        table = data.get(name)
-        if not isinstance(table, dict):
-            continue
-        named = table.get(key)
-        if not isinstance(named, str) or "\n" in named or not named:
-            continue
-        try:
-            text = (folder / named).read_text(encoding="utf-8-sig")
-        except (OSError, ValueError) as error:
-            reason = error.strerror if isinstance(error, OSError) and error.strerror else "not a text file"
-            raise InputError(f"{name}.{key}", named, f"{expected} ({reason.lower()})") from None
-        data[name] = {**table, key: text.strip() + "\n"}
-
-
-def _insert_law(data: dict[str, Any], folder: Path) -> None:
-    """Put the text of the file that assembly.subbundle.law names in its place."""
-    assembly = data.get("assembly")
-    table = assembly.get("subbundle") if isinstance(assembly, dict) else None
-    named = table.get("law") if isinstance(table, dict) else None
-    if not isinstance(table, dict) or not isinstance(named, str) or "\n" in named or named in shipped_laws():
-        return
-    try:
-        table["law"] = (folder / named).read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else "not a text file"
-        expected = f"a sub-bundle law: a file that can be read ({reason.lower()}) or {_one_of(shipped_laws())}"
-        raise InputError("assembly.subbundle.law", named, expected) from None
-
-
-def _toml_expectation(text: str, error: tomllib.TOMLDecodeError) -> str:
-    """What is wrong with the TOML, with the line it is on."""
-    message = str(error)
-    at = re.search(r"at line (\d+)", message)
-    lines = text.splitlines()
-    line = int(at[1]) if at else len(lines)
-    shown = f", line {line}: {lines[line - 1].strip()[:60]!r}" if 0 < line <= len(lines) else ""
-    reason = message[:1].lower() + re.sub(r" \(at [^()]*\)$", "", message)[1:]
-    return " ".join(f"valid TOML{shown}: {reason} (text and quantities stand in quotes)".split())
-
-
-def _override(data: dict[str, Any], overrides: Sequence[str]) -> None:
-    given = {}
-    for text in overrides:
-        key, value = _override_parts(text)
-        given[key] = _toml_value(value)
-    for key, value in given.items():
-        for other in _SUPERSEDES.get(key, ()):
-            if other not in given:
-                _table(data, other)[0].pop(other.rpartition(".")[2], None)
-        table, last = _table(data, key, make=True)
-        table[last] = value
-
-
-def _override_parts(text: str) -> tuple[str, str]:
-    """Key and value of an override."""
-    key, equals, value = (part.strip() for part in text.partition("="))
-    if not equals or not re.fullmatch(r"\w+(\.\w+)*", key):
-        raise InputError("--set", text, 'table.key=value, such as filament.diameter="9 um"')
-    return key, value
-
-
-def _toml_value(text: str) -> Any:
-    try:
-        parsed = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
-        return text
-    return parsed["value"] if len(parsed) == 1 else text
-
-
-def _table(data: dict[str, Any], key: str, make: bool = False) -> tuple[dict[str, Any], str]:
-    """The table that holds a dotted key, and the key's last part; an empty table where there is none."""
-    *parents, last = key.split(".")
-    for i, parent in enumerate(parents):
-        data = data.setdefault(parent, {}) if make else data.get(parent, {})
-        if not isinstance(data, dict):
-            where = ".".join(parents[: i + 1])
-            raise InputError(key, _shown_value(data), f"a known key: {where} is not a table")
-    return data, last
-
-
-def _without_none(data: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: _without_none(v) if isinstance(v, Mapping) else v for k, v in data.items() if v is not None}
-
-
-# --- what pydantic found, in our words -------------------------------------------------------------------------------
-
-
-def _field_value(model: type[BaseModel], key: str) -> Value:
-    return next(m for m in model.model_fields[key].metadata if isinstance(m, Value))
-
-
-def _translated(error: ValidationError, root: type[BaseModel]) -> InputError:
-    """The first error, but a misspelt key before the one that is missed for it."""
-    found = error.errors(include_url=False)
-    return _input_error(min(found, key=lambda e: e["type"] != "extra_forbidden"), root)
-
-
-def _input_error(error: ErrorDetails, root: type[BaseModel]) -> InputError:
-    loc = [str(part) for part in error["loc"]]
-    context = error.get("ctx", {})
-    # a quoted TOML key can hold anything
-    key, value = ".".join(part if re.fullmatch(r"[\w-]+", part) else repr(part) for part in loc), error["input"]
-    if error["type"] == "refused":
-        inner = context["key"]
-        return InputError(".".join(p for p in (key, inner) if p), _shown_value(context["value"]), context["expected"])
-    if error["type"] == "extra_forbidden":
-        return InputError(key, _shown_value(value), "a known key" + _meant_key(loc, root))
-    if error["type"] == "missing":
-        value = NOT_GIVEN
-        if loc[0] == "filament" and len(loc) == 2:
-            return InputError(key, value, f"{_expected(loc, root)} (or filament.material = {_one_of(MATERIALS)})")
-    return InputError(key, _shown_value(value), _expected(loc, root) + _later(key, value))
-
-
-def _expected(loc: Sequence[str], root: type[BaseModel]) -> str:
-    """What a key takes, from its field."""
-    field = _field(loc, root)
-    if field is None:
-        return "a table of keys"
-    for metadata in field.metadata:
-        expected = getattr(metadata, "expected", None)
-        if isinstance(expected, str):
-            return expected
-    if _models(field):
-        return f"a table [{'.'.join(loc)}]"
-    choices = getattr(field.annotation, "__args__", ())
-    if field.annotation is bool:
-        return "true or false"
-    if choices and all(isinstance(c, str) for c in choices):
-        return _one_of(choices)
-    return "text in quotes"
-
-
-def _field(loc: Sequence[str], root: type[BaseModel]) -> FieldInfo | None:
-    models: list[type[BaseModel]] = [root]
-    field = None
-    for key in loc:
-        if key.isdigit():  # a place in a list of tables
-            continue
-        field = next((m.model_fields[key] for m in models if key in m.model_fields), None)
-        if field is None:
-            return None
-        models = _models(field)
-    return field
-
-
-def _models(field: FieldInfo) -> list[type[BaseModel]]:
-    """The tables that a field may hold."""
-    kinds = (field.annotation, *getattr(field.annotation, "__args__", ()))
-    return [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
-
-
-def _meant_key(loc: Sequence[str], root: type[BaseModel]) -> str:
-    """The key of that name in another table, or the one of the same table that looks most alike."""
-    *parents, last = loc
-    parent = _field(parents, root) if parents else None
-    models = _models(parent) if parent is not None else [] if parents else [root]
-    meant = [key for key in _all_keys(root) if key.rpartition(".")[2] == last]
-    if not meant:
-        near = difflib.get_close_matches(last, [key for m in models for key in m.model_fields], n=1)
-        meant = [".".join([*parents, key]) for key in near]
-    return f" (did you mean {' or '.join(meant)}?)" if meant else ""
-
-
-def _all_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
-    keys = []
-    for key, field in model.model_fields.items():
-        keys.append(prefix + key)
-        for inner in _models(field):
-            keys += _all_keys(inner, f"{prefix}{key}.")
-    return keys
-
-
-def meant(name: str, names: Iterable[str]) -> str:
-    """ " (did you mean ...?)", or nothing where no name looks alike."""
-    near = difflib.get_close_matches(name, list(names), n=3)
-    return f" (did you mean {' or '.join(near)}?)" if near else ""
-
-
-def _later(key: str, value: object) -> str:
-    reason = _LATER.get((key, value)) if isinstance(value, str) else None
-    return f" ({reason})" if reason else ""
-
-
-def _one_of(words: Iterable[str]) -> str:
-    quoted = [repr(w) for w in words]
-    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} or {quoted[-1]}"
-
-
-def _shown_value(value: object) -> object:
-    """The value, abridged where its text would fill the line."""
-    text = repr(value)
-    return value if len(text) <= 60 else Abridged(text[:56] + " ...")

@@ -203,9 +203,10 @@ class Tow(Table):
     """``[assembly.tow]``: section and constants of the tows; ``[assembly.weft]`` overrides it for the weft.
 
     ``filaments`` of the scene's ``[filament]`` give the tow its EA, EI and GJ as so many that slide past each other.
-    ``modulus`` makes it a solid of the section instead (EA = E A, EI = E I, about both axes); ``EA``, ``EI``,
-    ``EI_in_plane``, ``GJ`` override each. ``ribbons``: chains side by side that stand for a flat tow. ``twist`` and
-    ``packing`` are those of the filaments where they are modelled.
+    ``modulus`` makes it a solid of the section instead (EA = E A, EI = E I about both axes, GJ = G J); ``EA``, ``EI``,
+    ``EI_in_plane``, ``GJ`` override each. ``EI_in_plane``, of a flat tow in its plane, is EI where that is given or
+    the tow is one of loose filaments; it is used where it is given, or the cell is moved in its plane. ``ribbons``:
+    chains side by side that stand for a flat tow. ``twist`` and ``packing`` are those of filaments that are modelled.
     """
 
     section: Literal["circular", "elliptic", "lenticular", "rectangular", "racetrack"] = "circular"
@@ -343,9 +344,12 @@ class PlaneStrain(Table):
 
 
 class Cell(Table):
-    """``[cell]``: what happens to a weave in its plane: strain and trellis shear before the platen moves, or tension a
-    tow along warp and weft, from before then to the end.
+    """``[cell]``: what happens to a weave in its plane: strain, trellis shear (the weft turns, lengths along it stay),
+    tension a tow along warp and weft. A patch takes the same at the ends of its tows.
 
+    ``when``: "before" the platen moves, "during" its first loading, in proportion to its way until it has gone ``over``
+    so much ("auto": the way to that loading's stop, or a third of the way planned where it stops by load), or "after"
+    the last loading, the platens held. Then it stays, to the end.
     Edges are "held" (the fabric cannot spread), or "free" where no strain is given: without stress, or under tension.
     """
 
@@ -353,11 +357,13 @@ class Cell(Table):
     tension: PerTow = PerTow()
     edges: Literal["held", "free"] = "held"
     shear: Annotated[float, Value("rad", above=-1.05, below=1.05)] = 0.0
+    when: Literal["before", "during", "after"] = "before"
+    over: Annotated[float | Literal["auto"], Value("um", words=("auto",), above=0.0, most=1e7)] = "auto"
 
     @property
     def at_rest(self) -> bool:
         """Whether nothing happens in the plane."""
-        return self == Cell()
+        return self.strain == PlaneStrain() and self.tension == PerTow() and self.edges == "held" and self.shear == 0.0
 
     @model_validator(mode="before")
     @classmethod

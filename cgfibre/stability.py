@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cgfibre import plot, store
+from cgfibre import plot, plot_chart, store
 from cgfibre.cases import limits, pitfalls, touching
 from cgfibre.cases.limits import Bench, LimitMap, Point
 from cgfibre.errors import InputError
@@ -447,7 +447,7 @@ def picture_name(chart: LimitMap) -> str:
 def draw(finding: Finding, path: Path) -> None:
     """The map's picture: measured limits as points on the lines of their closed forms."""
     m = finding.map
-    view = plot.LimitView(
+    view = plot_chart.LimitView(
         m.title,
         _label(m.parameter, m.parameter_unit),
         _label(m.quantity, m.unit),
@@ -456,7 +456,7 @@ def draw(finding: Finding, path: Path) -> None:
     figure = plot.new_figure(9.5, 4.6)
     with plot.style():
         names = dict.fromkeys(p.series for p in finding.points)
-        plot.plot_limits(figure.add_subplot(), view, [_series(finding, name) for name in names])
+        plot_chart.plot_limits(figure.add_subplot(), view, [_series(finding, name) for name in names])
         figure.savefig(path)
 
 
@@ -464,7 +464,7 @@ def _label(name: str, unit: str) -> str:
     return name if unit == "1" else f"{name} [{unit}]"
 
 
-def _series(finding: Finding, name: str) -> plot.LimitSeries:
+def _series(finding: Finding, name: str) -> plot_chart.LimitSeries:
     points = [p for p in finding.points if p.series == name]
     columns = {f: np.array([getattr(p, f) for p in points]) for f in ("parameter", "measured", "predicted", "used")}
-    return plot.LimitSeries(name, **columns)
+    return plot_chart.LimitSeries(name, **columns)

@@ -4,7 +4,7 @@ Layout (schema 1; every dataset has a ``units`` attribute):
 
     /h5md, /particles/filaments, /connectivity/bonds   H5MD 1.1, positions in nm and time in ns: units that H5MD
                                                        readers know (MDAnalysis refuses um)
-    /record/<column of curve.csv>, cycle, phase, width_um   the curve
+    /record/<column of curve.csv>, cycle, phase, width_um   the curve; columns of a cell loaded in its plane
     /system/...                                        the FilamentSystem, um
     /distribution/... or, of a weave, /fabric/...      statistics, one row a frame
     /scene (TOML), /plan, /summary (JSON)              text
@@ -26,7 +26,7 @@ import numpy as np
 
 from cgfibre.build.system import FilamentSystem, FilamentType
 from cgfibre.errors import InputError, StoreError
-from cgfibre.record import CURVE_COLUMNS, CYCLE_COLUMNS, Curve, Frames, phases
+from cgfibre.record import CELL_COLUMNS, CURVE_COLUMNS, CYCLE_COLUMNS, Curve, Frames, phases
 
 if TYPE_CHECKING:
     import MDAnalysis
@@ -89,6 +89,8 @@ def write_results(path: Path, results: Results) -> None:
         for name in CYCLE_COLUMNS:
             _put(record, name, getattr(results.curve, name), "1")
         _put(record, "width_um", results.curve.width_um, "um")
+        for name, values in results.curve.cell.items():
+            _put(record, name, values, CELL_COLUMNS[name])
         for group, statistics in (("distribution", results.distribution), ("fabric", results.fabric)):
             if statistics or group == "distribution":
                 rows = f.create_group(group)
@@ -128,10 +130,12 @@ def _write_trajectory(f: h5py.File, results: Results) -> None:
         edges = box.create_group("edges")
         bounds = np.broadcast_to(system.box, (n, 3, 2)) if frames.box is None else frames.box
         size = (bounds[:, :, 1] - bounds[:, :, 0])[:, :, None] * np.eye(3) * NM_PER_UM
+        size[:, 1, 0] = frames.tilt * NM_PER_UM
         edges["step"], edges["time"] = position["step"], position["time"]
         _stamp(_put(edges, "value", size, "nm"))
     if frames.box is not None:  # edges alone do not say where the box lies
         _put(box, "bounds", frames.box, "um")
+        _put(box, "tilt", frames.tilt, "um")
     _put(particles, "id", np.arange(system.n_beads), "1")
     _put(particles, "species", system.filament_type[system.filament_of_bead], "1")
     # an observable of H5MD is a group; MDAnalysis refuses the file over a bare dataset
@@ -201,6 +205,7 @@ def _read(f: h5py.File) -> Results:
             record["phase"][()],
             record["width_um"][()],
             record["cycle"][()] if "cycle" in record else np.ones(len(record["phase"]), dtype=np.int64),
+            {name: record[name][()] for name in CELL_COLUMNS if name in record},
         ),
         frames=Frames(
             step,
@@ -209,6 +214,7 @@ def _read(f: h5py.File) -> Results:
             # an earlier version had none
             f["observables/contact_factor/value"][()] if "contact_factor" in f["observables"] else np.ones(len(step)),
             box["bounds"][()] if "bounds" in box else None,
+            box["tilt"][()] if "tilt" in box else np.empty(0),
         ),
         timestep=float(time[moving][0] / step[moving][0]) if moving.any() else 0.0,
         distribution=_statistics(f["distribution"]),
@@ -278,14 +284,15 @@ def open_universe(path: Path) -> MDAnalysis.Universe:
 def write_curve(path: Path, curve: Curve) -> None:
     """curve.csv: the columns of the interface, one row a sample, loading then unloading.
 
-    A run of several cycles has two more at the end, ``cycle`` (from 1) and ``phase`` (0 loading, 1 holding, 2
-    unloading).
+    A weave that is loaded in its plane has those of :data:`CELL_COLUMNS` behind them; a run of several cycles two more
+    at the end, ``cycle`` (from 1) and ``phase`` (0 loading, 1 holding, 2 unloading).
     """
     more = CYCLE_COLUMNS if curve.cycles > 1 else ()
     with _replacing(path) as part, part.open("w", newline="") as f:
         writer = csv.writer(f)
-        writer.writerow([*CURVE_COLUMNS, *more])
-        columns = [curve[name] for name in CURVE_COLUMNS] + [getattr(curve, name) for name in more]
+        writer.writerow([*CURVE_COLUMNS, *curve.cell, *more])
+        columns = [curve[name] for name in CURVE_COLUMNS] + list(curve.cell.values())
+        columns += [getattr(curve, name) for name in more]
         for row in zip(*columns, strict=True):
             writer.writerow([int(row[0]), *(f"{x:.10g}" for x in row[1:])])
 
@@ -359,12 +366,13 @@ def read_curve(path: Path) -> Curve:
         raise ValueError(f"{path.name} lacks the column {error}") from None
     if len(rows) < 2:
         raise ValueError(f"{path.name} has no rows")
+    cell = {name: np.array([float(row[name]) for row in rows]) for name in CELL_COLUMNS if name in rows[0]}
     if all(name in rows[0] for name in CYCLE_COLUMNS):
         cycle, phase = (np.array([int(row[name]) for row in rows]) for name in CYCLE_COLUMNS)
     else:
         cycle, phase = np.ones(len(rows), dtype=np.int64), phases(columns["displacement_um"])
         phase[0] = 0
-    return Curve(columns, phase, np.full(len(rows), np.nan), cycle)
+    return Curve(columns, phase, np.full(len(rows), np.nan), cycle, cell)
 
 
 def read_points(path: Path) -> list[tuple[str, float, float]]:

@@ -14,7 +14,8 @@ from cgfibre import store
 from cgfibre.engine.job import is_written
 from cgfibre.errors import CgfibreError, EngineError, InputError
 from cgfibre.plan.model import Plan
-from cgfibre.scene import Scene, load_scene
+from cgfibre.scene import Scene
+from cgfibre.scene_reading import load_scene
 from cgfibre.workflow import RunOptions, plan_dict, plan_scene, run_scene
 
 #: progress: (predicted seconds done, of all, what was done last)

@@ -30,7 +30,8 @@ from cgfibre.plan.system import build_system
 from cgfibre.record import Curve, Frames
 from cgfibre.review import Review, quasi_static_from, review_run, speed_change
 from cgfibre.review_fabric import fabric_summary
-from cgfibre.scene import Scene, load_scene, scene_from_dict
+from cgfibre.scene import Scene
+from cgfibre.scene_reading import load_scene, scene_from_dict
 
 #: files by which an existing run is recognised, and which --force removes
 RUN_FILES = ("scene.toml", "plan.json", "summary.json", "results.h5", "curve.csv", "log.lammps")
@@ -389,8 +390,6 @@ def _summary(
     }
     if scene.is_weave:
         summary["fabric"] = fabric_summary(review.statistics)
-        if plan.woven is not None and plan.woven.shear != 0:
-            summary["notes"] = ["a sheared cell: crimp, sizes of tows, crossings and room for resin are not measured"]
     if facts.get("stopped"):
         summary["stopped"] = facts["stopped"]
     return summary

@@ -15,6 +15,7 @@ variable plugin index ./cgfibre_plugin.so
 variable reach index 10.0
 variable law index "line 5.5e6"
 variable skin index 1.0
+variable sides index one
 units micro
 atom_style hybrid sphere bond
 boundary {boundary}
@@ -24,7 +25,7 @@ atom_modify map array sort 0 0
 bond_style zero nocoeff
 special_bonds lj 0 0 0
 include plugin.inc
-pair_style capsule ${{reach}}
+pair_style capsule ${{reach}} sides ${{sides}}
 read_data system.data
 bond_coeff *
 pair_coeff * * ${{law}}

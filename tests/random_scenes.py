@@ -28,7 +28,8 @@ from cgfibre.plan.make import make_plan
 from cgfibre.plan.model import Plan
 from cgfibre.plan.system import build_system
 from cgfibre.review import speed_change
-from cgfibre.scene import Scene, scene_from_dict
+from cgfibre.scene import Scene
+from cgfibre.scene_reading import scene_from_dict
 
 #: keys that a refusal may name
 TABLES = ("filament", "assembly", "ends", "platens", "contact", "model", "output")

@@ -18,10 +18,11 @@ LAYERS = [
     {"materials", "readers", "tow_friction"},
     {"build.system", "mechanics"},
     {"record", "scene_values", "subbundle_law"},
-    {"scene_assembly"},
+    {"scene_assembly", "scene_messages"},
     {"scene", "build"},
+    {"scene_reading"},
     {"plan", "measure", "plot", "store"},
-    {"engine"},
+    {"engine", "plot_bundle", "plot_chart"},
     {"review_fabric"},
     {
         "review",
@@ -97,7 +98,7 @@ def users(library):
 def test_one_place_knows_each_library():
     assert users("h5py") == {"store"}
     assert users("MDAnalysis") == {"store"}
-    assert users("matplotlib") == {"plot", "plot_fabric", "plot_section", "plot_weave"}
+    assert users("matplotlib") == {"plot", "plot_bundle", "plot_chart", "plot_fabric", "plot_section", "plot_weave"}
     assert users("pint") == {"units"}
     assert users("click") == {"cli"}
     assert users("rich") <= {"report"}

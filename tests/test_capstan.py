@@ -22,7 +22,7 @@ from cgfibre.engine.lammps import find_engine
 from cgfibre.errors import EngineError, InputError
 from cgfibre.measure.signal import TestRig
 from cgfibre.mechanics.belt import polygon_ratio, tension_ratio
-from cgfibre.scene import load_scene, scene_description, validated
+from cgfibre.scene_reading import load_scene, scene_description, validated
 
 EA = 230e6 * math.pi * 49 / 4
 BUNDLE = Column(1, 30, 10 * EA, 4e5, 19_000.0, 1.435, 1e4, 1.6e-4, LAW, LAW)

@@ -8,6 +8,7 @@ from cgfibre.cases import capsule_motion, experiment
 from cgfibre.cases import capsule_ranks as ranks
 from cgfibre.engine.lammps import find_engine
 from cgfibre.engine.plugin import Build, build_plugin, sanitized
+from cgfibre.errors import EngineError
 
 levels = pytest.mark.parametrize("level", ["chain", "rod"])
 
@@ -54,6 +55,24 @@ def test_two_ranks_press_to_the_same_curve(tmp_path, one_rank, level):
     found = ranks.pressed(tmp_path / "two", level, 2, steps=1600)[2].record.mean["top_force"]
     assert np.max(expected) > 1e5
     assert np.allclose(found, expected, rtol=1e-7, atol=1e-7 * np.max(expected))
+
+
+@levels
+@pytest.mark.parametrize("lanes", ["two", "four", "eight"])
+def test_every_width_of_registers_finds_the_same_forces(tmp_path, monkeypatch, one_rank, level, lanes):
+    """With stretched friction springs; what this processor has not got is refused by name."""
+    plan, pressed, _ = one_rank(level)
+    expected, rows = ranks.forces(tmp_path / "best", pressed, plan, 1)
+    monkeypatch.setenv("CGFIBRE_LANES", lanes)
+    try:
+        found, others = ranks.forces(tmp_path / lanes, pressed, plan, 1)
+    except EngineError as refused:
+        assert lanes != "two" and f"CGFIBRE_LANES is {lanes}" in str(refused)
+        return
+    assert f"contacts by {lanes} a register" in (tmp_path / lanes / "log.lammps").read_text()
+    assert np.allclose(found, expected, rtol=0, atol=1e-12 * np.max(np.abs(expected)))
+    assert rows.shape == others.shape
+    assert np.allclose(rows, others, rtol=1e-11, atol=1e-9)
 
 
 @levels
@@ -130,9 +149,10 @@ def test_odd_pairs_have_finite_forces_that_add_up_to_nothing(tmp_path):
     assert np.max(size) < 1e12
 
 
-def test_the_order_of_filaments_does_not_matter(tmp_path):
+@pytest.mark.parametrize("sides", ["one", "both"])
+def test_the_order_of_filaments_does_not_matter(tmp_path, sides):
     """Parallel and crossing segments of one length: the same push and moment in the other order; along the first of two
-    that cross, its own stretch takes up to a hundredth."""
+    that cross, its own stretch takes up to a hundredth where contacts are seen from one side."""
     rng = np.random.default_rng(2)
     filaments, box = [], Box(np.array([[-300.0, 40 * 300.0], [-300.0, 300.0], [-300.0, 300.0]]))
     for k in range(40):
@@ -144,15 +164,46 @@ def test_the_order_of_filaments_does_not_matter(tmp_path):
         first = place + 30 * np.array([-way, way])
         second = place + 0.98 * D * across + 30 * np.array([-other, other])
         filaments.append((first, second))
-    one = forces_on(tmp_path / "one", [f for pair in filaments for f in pair], box, reach=65.0)
-    two = forces_on(tmp_path / "two", [f for pair in filaments for f in pair[::-1]], box, reach=65.0)
+    one = forces_on(tmp_path / "one", [f for pair in filaments for f in pair], box, reach=65.0, sides=sides)
+    two = forces_on(tmp_path / "two", [f for pair in filaments for f in pair[::-1]], box, reach=65.0, sides=sides)
     expected = one.forces.reshape(-1, 2, 2, 3)[:, ::-1].reshape(-1, 3)
     size = np.max(np.abs(expected))
     assert size > 1e5
     assert np.allclose(two.forces[:, 2], expected[:, 2], rtol=0, atol=1e-12 * size)
-    assert np.allclose(two.forces, expected, rtol=0, atol=1e-2 * size)
+    assert np.allclose(two.forces, expected, rtol=0, atol=(1e-12 if sides == "both" else 1e-2) * size)
     parallel = np.arange(len(expected)) // 4 % 2 == 1
     assert np.allclose(two.forces[parallel], expected[parallel], rtol=0, atol=1e-12 * size)
+
+
+def test_a_crossing_over_joints_is_alike_from_both_sides(tmp_path):
+    """Two soft rods that cross where both have a bead: as wide as their contact is, neither is pressed at a point."""
+    cross = np.array([[-20.0, 0, 0], [0, 0, 0], [20.0, 0, 0]])
+    over = np.array([[0, -20.0, 5.0], [0, 0, 5.0], [0, 20.0, 5.0]])
+    box = Box(np.array([[-100.0, 100.0]] * 3))
+    way = np.array([1.0, 1.0, -1.0])  # the upper one, turned and from below, is the lower one
+    for sides in ("one", "both"):
+        found = forces_on(tmp_path / sides, [cross, over], box, reach=25.0, law="hooke 1e5", sides=sides)
+        low, high = found.forces.reshape(2, 3, 3)
+        assert high.sum(axis=0) == pytest.approx(-low.sum(axis=0), rel=1e-12, abs=1e-6)
+        assert np.abs(low[0, 2]) > 0.02 * np.abs(low[1, 2])  # the lens reaches out to the neighbours
+        alike = np.allclose(high[:, [1, 0, 2]] * way, low, rtol=0, atol=1e-12 * np.max(np.abs(low)))
+        assert alike == (sides == "both")
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_both_sides_of_a_tangle_are_the_mean_of_either_order(tmp_path, n):
+    """On any number of ranks; a pair has a row from either segment."""
+    edge = 350.0
+    filaments = polylines(np.random.default_rng(7), 300, edge)
+    box, of = Box(np.array([[0.0, edge]] * 3), True), {"reach": 100.0}
+    one = forces_on(tmp_path / "one", filaments, box, **of)
+    two = forces_on(tmp_path / "two", filaments[::-1], box, **of)
+    both = forces_on(tmp_path / "both", filaments, box, n, **of, sides="both")
+    bead = np.concatenate(np.split(np.arange(len(two.forces)), np.cumsum([len(f) for f in filaments[::-1]])[:-1])[::-1])
+    expected = (one.forces + two.forces[bead]) / 2
+    assert np.allclose(both.forces, expected, rtol=0, atol=1e-11 * np.max(np.abs(expected)))
+    assert len(both.rows) == len(one.rows) + len(two.rows) > 100
+    assert both.rows[:, 4].sum() == pytest.approx((one.rows[:, 4].sum() + two.rows[:, 4].sum()) / 2, rel=1e-12)
 
 
 # --- the search ------------------------------------------------------------------------------------------------------
@@ -252,7 +303,7 @@ def test_sanitizers_find_nothing(tmp_path_factory, tmp_path, monkeypatch, n):
     for level in ("chain", "rod"):
         sort = ["atom_modify sort 50 40.0"] if level == "chain" else []
         _, _, out = ranks.pressed(tmp_path / level, level, n, sort, 400, plugin=plugin)
-        assert "ERROR" not in (out.folder / "engine.err").read_text()
+        assert len(out.record.mean["top_force"]) == 40
     for path in tmp_path.glob("*/engine.err"):
         assert "Sanitizer" not in path.read_text() and "runtime error" not in path.read_text()
 

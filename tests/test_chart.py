@@ -14,7 +14,7 @@ from conftest import cgfibre_command, cgfibre_environment
 from test_certify import curve_of, engines_of, wait_for_none
 from test_workflow import wait_for
 
-from cgfibre import chart, plot, store, sweep, workflow
+from cgfibre import chart, plot, plot_chart, store, sweep, workflow
 from cgfibre.cases.experiment import Measured
 from cgfibre.cases.pressing import pressed_alone
 from cgfibre.chart import ChartOptions, Yardstick, chart_scene, pareto_front
@@ -22,7 +22,7 @@ from cgfibre.engine.lammps import find_engine
 from cgfibre.engine.plugin import find_plugin
 from cgfibre.errors import EngineError, InputError
 from cgfibre.plan.make import make_plan
-from cgfibre.scene import load_scene
+from cgfibre.scene_reading import load_scene
 
 #: cheap: the early part of the tiny scene, few rows; beads: with or without the plugin
 SHALLOW = ("platens.speed=auto", "platens.stop.displacement=3 um", "output.samples=60", "contact.shape=beads")
@@ -364,12 +364,12 @@ def test_a_killed_chart_leaves_no_engine_and_goes_on(tiny, tmp_path):
 
 
 def point(name, cpu, error, **more):
-    return plot.ChartPoint(name, "chain", cpu, error, (cpu, cpu), (error, error), **more)
+    return plot_chart.ChartPoint(name, "chain", cpu, error, (cpu, cpu), (error, error), **more)
 
 
 def test_the_picture_marks_front_choice_and_goal_on_logarithmic_axes():
     points = [point("a", 1, 0.2, front=True), point("b", 10, 0.02, front=True, chosen=True, trusted=False)]
-    ax = plot.plot_chart(plot.new_axes(), [*points, point("zero", 5, 0.0)], 0.05)
+    ax = plot_chart.plot_chart(plot.new_axes(), [*points, point("zero", 5, 0.0)], 0.05)
     assert ax.get_xscale() == ax.get_yscale() == "log"
     labels = ax.get_legend_handles_labels()[1]
     assert {"chain", "Pareto front", "planner's choice", "5 %", "distrusted by a guard"} <= set(labels)
@@ -377,7 +377,7 @@ def test_the_picture_marks_front_choice_and_goal_on_logarithmic_axes():
     front = next(line for line in ax.lines if line.get_label() == "Pareto front")
     assert front.get_xdata().tolist() == [1, 10] and front.get_ydata().tolist() == [20, 2]
     with pytest.raises(InputError, match="points"):
-        plot.plot_chart(plot.new_axes(), [])
+        plot_chart.plot_chart(plot.new_axes(), [])
 
 
 def test_trials_have_a_line_a_level_and_a_line_a_spacing_where_it_repeats():
@@ -386,11 +386,11 @@ def test_trials_have_a_line_a_level_and_a_line_a_spacing_where_it_repeats():
 
     rods = [trial("rod", s, s, -0.01 * s) for s in (1.0, 2.0)]
     chains = [trial("chain", s, 1.0 + k, 0.1 * s / (k + 1)) for s in (1.0, 4.0) for k in range(2)]
-    ax = plot.plot_trials(plot.new_axes(), [*rods, *chains, trial("rod", 4.0, 0.0, 1.0)])
+    ax = plot_chart.plot_trials(plot.new_axes(), [*rods, *chains, trial("rod", 4.0, 0.0, 1.0)])
     assert ax.get_legend_handles_labels()[1] == ["rod", "chain, s = 1 D", "chain, s = 4 D"]
     assert ax.lines[0].get_ydata() == pytest.approx([1.0, 2.0]), "per cent, without sign"
     with pytest.raises(InputError, match="trials"):
-        plot.plot_trials(plot.new_axes(), [])
+        plot_chart.plot_trials(plot.new_axes(), [])
 
 
 def test_a_curve_survives_its_csv(finished):

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from conftest import ROOT, cgfibre_environment
 
 from cgfibre.cli import main
-from cgfibre.scene import load_scene, shipped_scenes
+from cgfibre.scene_reading import load_scene, shipped_scenes
 
 
 @pytest.fixture

@@ -25,12 +25,8 @@ def tangle(rng, count=160):
     return out
 
 
-@pytest.mark.parametrize("law", ["hooke", "line"])
-def test_forces_are_the_engine_s(tmp_path, law):
-    filaments = tangle(np.random.default_rng(5))
-    words = f"hooke {MODULUS}" if law == "hooke" else f"line {MODULUS}"
-    box = Box(np.array([[0.0, EDGE]] * 3), True)
-    rows = forces_on(tmp_path, filaments, box, reach=25.0, law=words).rows
+def fabric_of_lines(filaments, box):
+    """The tangle as a fabric of one tow."""
     n = len(filaments)
     system = FilamentSystem(
         positions=np.concatenate(filaments),
@@ -43,7 +39,17 @@ def test_forces_are_the_engine_s(tmp_path, law):
         periodic=np.ones(3, dtype=bool),
         prestrain=np.zeros(n),
     )
-    fabric = Fabric(system, np.zeros(1, dtype=np.int64), (np.arange(n),))
+    return Fabric(system, np.zeros(1, dtype=np.int64), (np.arange(n),))
+
+
+@pytest.mark.parametrize("law", ["hooke", "line"])
+def test_forces_are_the_engine_s(tmp_path, law):
+    filaments = tangle(np.random.default_rng(5))
+    words = f"hooke {MODULUS}" if law == "hooke" else f"line {MODULUS}"
+    box = Box(np.array([[0.0, EDGE]] * 3), True)
+    rows = forces_on(tmp_path, filaments, box, reach=25.0, law=words).rows
+    fabric = fabric_of_lines(filaments, box)
+    system = fabric.system
     line = LineContact(MODULUS, D / 4, D / 2)
     of = {
         "hooke": lambda overlap: MODULUS * overlap,
@@ -60,3 +66,18 @@ def test_forces_are_the_engine_s(tmp_path, law):
     assert found.force[shallow] == pytest.approx(rows[shallow, 4], rel=accuracy)
     error = np.abs(found.vector - rows[:, 8:11])[shallow]
     assert np.max(error / rows[shallow, 4][:, None]) < accuracy
+
+
+def test_the_mean_of_both_sides_is_the_engine_s(tmp_path):
+    filaments = tangle(np.random.default_rng(6))
+    box = Box(np.array([[0.0, EDGE]] * 3), True)
+    rows = forces_on(tmp_path, filaments, box, reach=25.0, law=f"hooke {MODULUS}", sides="both").rows
+    fabric = fabric_of_lines(filaments, box)
+    found = touches(fabric, fabric.system.positions, lambda overlap: MODULUS * overlap, both_sides=True)
+    first = rows[:, 2] < rows[:, 3]
+    pairs = np.where(first[:, None], rows[:, :2], rows[:, 1::-1])
+    known, place = np.unique(pairs, axis=0, return_inverse=True)
+    assert len(found) == len(known) > 100
+    for mine, column, sign in ((found.force, 4, 1.0), (found.length, 14, 1.0), (found.vector[:, 2], 10, -1.0)):
+        theirs = np.bincount(place.ravel(), np.where(first, 1.0, sign) * rows[:, column], len(known))
+        assert mine == pytest.approx(theirs, rel=1e-9, abs=1e-9 * np.max(np.abs(theirs)))

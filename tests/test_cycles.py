@@ -14,7 +14,7 @@ from cgfibre.errors import EngineError, InputError
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.model import film_time
 from cgfibre.record import Curve
-from cgfibre.scene import load_scene, scene_from_dict
+from cgfibre.scene_reading import load_scene, scene_from_dict
 
 TWICE = 'platens.cycles=[{displacement="2 um"}, {line_force="0.1 N/mm"}]'
 SHORT = ("platens.stop.displacement=3 um", "output.samples=120")

@@ -14,7 +14,7 @@ from cgfibre.engine.assemble import assemble
 from cgfibre.engine.datafile import DataFile, Topology, group_types, write_data
 from cgfibre.engine.lammps import find_engine, run_deck
 from cgfibre.plan.system import build_system
-from cgfibre.scene import load_scene, scene_from_dict
+from cgfibre.scene_reading import load_scene, scene_from_dict
 
 DECKS = ("in.chain", "in.rod", "in.section", "in.subbundle")
 OTHERS = ("in.capstan", "in.capstan_dynamic")

@@ -18,7 +18,7 @@ from cgfibre.plan.contact import line_contacts
 from cgfibre.plan.system import build_system
 from cgfibre.record import Curve, Frames
 from cgfibre.review import review_run
-from cgfibre.scene import load_scene, scene_from_dict
+from cgfibre.scene_reading import load_scene, scene_from_dict
 
 D = 7.0
 #: far above what rounding and the noise of the engine's rods give, far below what strains a segment

@@ -12,7 +12,7 @@ from cgfibre.engine.mirror import moved_beads, right_half, whole_of
 from cgfibre.errors import InputError
 from cgfibre.mechanics import rod
 from cgfibre.plan.make import make_plan
-from cgfibre.scene import load_scene
+from cgfibre.scene_reading import load_scene
 
 L, W = 280.0, 140.0
 

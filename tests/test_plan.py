@@ -14,7 +14,7 @@ from cgfibre.plan.make import make_plan, other_levels
 from cgfibre.plan.outline import outline
 from cgfibre.plan.promise import NOTHING
 from cgfibre.report import print_plan
-from cgfibre.scene import load_scene
+from cgfibre.scene_reading import load_scene
 from cgfibre.workflow import RunOptions, run_scene
 
 PERIODIC = ("ends.support=symmetry", "platens.width=full", "assembly.length=35 um", "ends.tension=0 N")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from measure_systems import D, bundle_between, pressed, rings, straight, system_of
 
-from cgfibre import plot, plot_section
+from cgfibre import plot, plot_bundle, plot_section
 from cgfibre.errors import InputError
 from cgfibre.measure import distribution as ds
 from cgfibre.measure.voids import find_voids, fraction_map
@@ -182,13 +182,13 @@ def test_distribution_histograms_are_densities(states):
 def test_bundle_picture_hides_what_is_behind():
     # seen along y: the near filament, at lower y, covers the far one
     s = straight([(0, 0), (5 * D, 0)], n=12)
-    view = plot.BundleView(
+    view = plot_bundle.BundleView(
         values=np.array([0.0, 1.0]), colours=plot.Colours("v", 0, 1, cmap="bwr"), azimuth=-90, elevation=0
     )
-    image = plot.figure_bundle_3d(s, s.positions, view).axes[0].images[0].get_array()
+    image = plot_bundle.figure_bundle_3d(s, s.positions, view).axes[0].images[0].get_array()
     colour = image[image[..., 3] > 0][:, :3].mean(axis=0)
     assert colour[2] > 2 * colour[0]  # blue, value 0
-    swapped = plot.figure_bundle_3d(s, s.positions * [1, -1, 1], view).axes[0].images[0].get_array()
+    swapped = plot_bundle.figure_bundle_3d(s, s.positions * [1, -1, 1], view).axes[0].images[0].get_array()
     colour = swapped[swapped[..., 3] > 0][:, :3].mean(axis=0)
     assert colour[0] > 2 * colour[2]
 
@@ -196,8 +196,8 @@ def test_bundle_picture_hides_what_is_behind():
 def test_bundle_picture_is_to_scale_and_says_when_it_is_not():
     s = straight([(0, 0)], n=30)
     for exaggeration in (1.0, 4.0):
-        fig = plot.figure_bundle_3d(
-            s, s.positions, plot.BundleView(exaggeration=exaggeration, azimuth=-90, elevation=0)
+        fig = plot_bundle.figure_bundle_3d(
+            s, s.positions, plot_bundle.BundleView(exaggeration=exaggeration, azimuth=-90, elevation=0)
         )
         image = fig.axes[0].images[0]
         rows = np.flatnonzero((image.get_array()[..., 3] > 0).any(axis=1))
@@ -210,15 +210,15 @@ def test_bundle_picture_is_to_scale_and_says_when_it_is_not():
 
 def test_bundle_picture_colours_beads_and_refuses_what_it_cannot_draw():
     s = straight([(0, 0), (0, D)], n=12)
-    fig = plot.figure_bundle_3d(s, s.positions, plot.BundleView(values=s.positions[:, 0]))
+    fig = plot_bundle.figure_bundle_3d(s, s.positions, plot_bundle.BundleView(values=s.positions[:, 0]))
     assert len(fig.axes) == 2
     with pytest.raises(InputError, match=r"view\.values"):
-        plot.figure_bundle_3d(s, s.positions, plot.BundleView(values=np.zeros(5)))
+        plot_bundle.figure_bundle_3d(s, s.positions, plot_bundle.BundleView(values=np.zeros(5)))
     with pytest.raises(InputError, match="positions"):
-        plot.figure_bundle_3d(s, s.positions[1:])
+        plot_bundle.figure_bundle_3d(s, s.positions[1:])
     discs = system_of([np.zeros((1, 3)), np.full((1, 3), 9.0)])
     with pytest.raises(InputError, match="system"):
-        plot.figure_bundle_3d(discs, discs.positions)
+        plot_bundle.figure_bundle_3d(discs, discs.positions)
 
 
 def test_matplotlib_is_imported_only_to_draw_and_never_pyplot():
@@ -239,7 +239,7 @@ def test_the_five_figures_of_a_run_are_quick_and_leave_the_settings_alone(states
     before = dict(matplotlib.rcParams)
     s = bundle_between(states[0], states[2])
     half = ds.bundle_size(states[2], D)[1] / 2
-    faces = (plot.PlatenFace(half, True, (100, 600)), plot.PlatenFace(-half, False))
+    faces = (plot_bundle.PlatenFace(half, True, (100, 600)), plot_bundle.PlatenFace(-half, False))
     n = ds.normalisation(states[0], D)
     curve, sections = synthetic_curve(), sections_of(states)
     colours = plot.Colours.spanning("Local fibre volume fraction (1)", *[x.values for x in sections])
@@ -248,8 +248,8 @@ def test_the_five_figures_of_a_run_are_quick_and_leave_the_settings_alone(states
     figures = {
         "curve": plot.plot_curve(plot.new_axes(), curve, plot.CurveView(speed_error=0.04)).figure,
         "sections": plot_section.figure_sections(sections, colours),
-        "bundle": plot.figure_bundle_3d(
-            s, s.positions, plot.BundleView(values=sections[2].values, colours=colours, platens=faces)
+        "bundle": plot_bundle.figure_bundle_3d(
+            s, s.positions, plot_bundle.BundleView(values=sections[2].values, colours=colours, platens=faces)
         ),
         "energy": plot.plot_energy(plot.new_axes(), curve).figure,
         "distribution": plot_section.figure_distribution(*fits),

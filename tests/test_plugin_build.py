@@ -489,7 +489,8 @@ def test_an_install_without_a_compiler_succeeds_and_says_what_is_missing(tmp_pat
     said = pip(python, "install", "-v", checkout(tmp_path / "source"), CXX="/nonexistent")
     assert "without its LAMMPS plugin" in said and "apt install g++" in said
     command = python.parent / "cgfibre"
-    quiet = {"cwd": tmp_path, "capture_output": True, "text": True, "timeout": 300, "check": True}
+    away = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}  # of a checkout
+    quiet = {"cwd": tmp_path, "env": away, "capture_output": True, "text": True, "timeout": 300, "check": True}
     report = subprocess.run([command, "doctor"], **quiet).stdout
     assert "note plugin" in report and "cgfibre plugin build" in report
     subprocess.run([command, "plugin", "build"], **quiet)  # from the installed sources

@@ -9,9 +9,11 @@ from hypothesis import strategies as st
 from scene_tables import ABSENT, with_changes
 
 from cgfibre import scene as module
+from cgfibre import scene_messages
 from cgfibre.errors import InputError
 from cgfibre.materials import MATERIALS
-from cgfibre.scene import Scene, load_scene, scene_from_dict, scene_text, shipped_scenes
+from cgfibre.scene import Scene
+from cgfibre.scene_reading import load_scene, scene_from_dict, scene_text, shipped_scenes
 
 BASE = {
     "filament": {"material": "T700 carbon"},
@@ -571,7 +573,7 @@ def test_a_bad_override_names_its_key(text, key, part):
     assert_refused(info.value, key, part)
 
 
-keys = st.sampled_from(sorted(module._all_keys(Scene)))
+keys = st.sampled_from(sorted(scene_messages._all_keys(Scene)))
 values = st.one_of(
     st.none(),
     st.booleans(),

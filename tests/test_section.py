@@ -17,7 +17,7 @@ from cgfibre.plan.contact import OVERLAP_LIMIT
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.system import build_system
 from cgfibre.record import Balance, Curve
-from cgfibre.scene import load_scene, scene_from_dict
+from cgfibre.scene_reading import load_scene, scene_from_dict
 
 
 def scene(count=19, length="0.7 mm", stop="8 um", **model):

@@ -13,7 +13,7 @@ from cgfibre.errors import InputError
 from cgfibre.plan.section_platens import first_touch, middle_gap
 from cgfibre.plan.system import build_system
 from cgfibre.review import platen_gaps
-from cgfibre.scene import load_scene
+from cgfibre.scene_reading import load_scene
 
 CURVED = ("model.level=section", "platens.shape=crimped", "contact.friction=0", "platens.friction=0")
 #: two discs off the middle, a third one far below them

@@ -14,7 +14,7 @@ from cgfibre.build.bundle import jittered
 from cgfibre.build.packing import hexagonal, min_distance
 from cgfibre.errors import InputError
 from cgfibre.measure import section_image
-from cgfibre.scene import load_scene
+from cgfibre.scene_reading import load_scene
 from cgfibre.workflow import RunOptions, measure_folder, plan_scene, run_scene
 
 

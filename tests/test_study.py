@@ -17,7 +17,7 @@ from cgfibre.errors import EngineError, InputError
 from cgfibre.measure.ensemble import student
 from cgfibre.plan.make import make_plan
 from cgfibre.record import CURVE_COLUMNS, Curve
-from cgfibre.scene import joined_overrides, load_scene
+from cgfibre.scene_reading import joined_overrides, load_scene
 from cgfibre.study import file as files
 from cgfibre.study.outcome import branches_of, find_case
 from cgfibre.study.run import JITTER, StudyOptions, lay_out, run_study, table_of

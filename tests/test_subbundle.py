@@ -27,7 +27,7 @@ from cgfibre.plan.contact import plan_contact
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.subbundle import GROUPS, disc_count
 from cgfibre.plan.system import build_system
-from cgfibre.scene import load_scene, scene_from_dict
+from cgfibre.scene_reading import load_scene, scene_from_dict
 from cgfibre.subbundle_law import HEXAGONAL, State, SubbundleLaw, Table, find_law, parse_law, shipped_laws
 
 STATE = State(

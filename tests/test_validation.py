@@ -14,17 +14,19 @@ def loading_force(curve, displacement):
 
 
 def test_force_at_one_displacement_rises_with_the_count(tmp_path):
-    """Thesis 8.3: 37 filaments carry 25 % more than 19 at the same displacement (measured here: 26 % at 8 um)."""
-    force = {}
+    """Thesis 8.3: 37 filaments carry 25 % more than 19 at the same displacement. Here 30 % from 4 to 8 um on average
+    (35, 21, 34 % at 4, 6, 8 um, alike in six specimens); beyond, 19 are squeezed first and carry more (-19 % at 10 um).
+    """
+    force, at = {}, np.linspace(4.0, 8.0, 9)
     for count in (19, 37, 127):
         result = run_scene(
             f"carbon-{count}",
             RunOptions(tmp_path / str(count)),
             ["platens.stop.displacement=8.5 um", "platens.unload=false", "model.speed_check=false"],
         )
-        force[count] = loading_force(result.curve, 8.0)
-    assert force[19] < force[37] < force[127]
-    assert force[37] / force[19] == pytest.approx(1.25, abs=0.1)
+        force[count] = np.array([loading_force(result.curve, d) for d in at])
+    assert np.all(force[19] < force[37]) and np.all(force[37] < force[127])
+    assert np.mean(force[37] / force[19]) == pytest.approx(1.25, abs=0.1)
 
 
 def test_carbon_37_goes_deep_enough_and_states_its_error(tmp_path):

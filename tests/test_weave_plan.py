@@ -7,6 +7,7 @@ from test_weave_scene import changed
 from cgfibre.build.weave import TowShape, initial_overlap
 from cgfibre.engine.assemble import assemble
 from cgfibre.engine.fabric import bending_forces, rest_forces
+from cgfibre.plan.arches import arches
 from cgfibre.plan.make import make_plan, other_levels
 from cgfibre.plan.model import every_bead
 from cgfibre.plan.system import build_system
@@ -14,7 +15,7 @@ from cgfibre.plan.tow_law import ChainLaw, TowLaw, chain_law, crossing_law, tow_
 from cgfibre.plan.tows import second_moments, tow_models
 from cgfibre.plan.weave_filaments import FibreMat
 from cgfibre.plan.weave_tows import fabric
-from cgfibre.scene import load_scene, scene_from_dict
+from cgfibre.scene_reading import load_scene, scene_from_dict
 
 
 def crossing_force(law, overlap, diameter):
@@ -121,8 +122,8 @@ def test_constant_forces_balance_the_bending_of_the_shape_as_built():
 
 
 def test_static_estimate_is_hertz_like_for_the_linear_law():
-    """One crossing: F = 4/3 k sqrt(2 D) delta^1.5."""
-    scene = scene_from_dict(changed({"contact": {"law": "linear"}}))
+    """One crossing of tows that are no arches: F = 4/3 k sqrt(2 D) delta^1.5."""
+    scene = scene_from_dict(changed({"contact": {"law": "linear"}, "assembly.tow.EI": "1e-6 N*mm**2"}))
     system = build_system(scene, make_plan(scene))
     k = 1e5
     d = np.linspace(0, 600, 400)
@@ -130,9 +131,35 @@ def test_static_estimate_is_hertz_like_for_the_linear_law():
     estimate = fabric(scene, system, (law, law))
     assert estimate.crossings == 4
     assert estimate.pair(50.0) == pytest.approx(4 / 3 * k * math.sqrt(2 * 1200) * 50**1.5, rel=1e-3)
+    apart = scene_from_dict(changed({"assembly.gap": "50 um", "assembly.tow.EI": "1e-6 N*mm**2"}))
+    gap = fabric(apart, build_system(apart, make_plan(apart)), (law, law))
+    assert gap.pair(50.0) < 1e-6 * estimate.pair(50.0) and gap.pair(100.0) == pytest.approx(
+        estimate.pair(50.0), rel=1e-6
+    )
     for f in (1e8, 1e9):
         assert estimate.force(estimate.displacement(f)) == pytest.approx(f, rel=1e-6)
         assert estimate.stiffness(f) > f / estimate.displacement(f)  # it stiffens
+
+
+def test_flanks_of_held_tows_are_arches():
+    """Two flanks a crest, of the cosine z = h cos(pi x/p): c = (pi h/(2 p))^2 and tan(slope) = pi h/p for small h/p."""
+    scene = scene_from_dict(changed({"assembly.spacing": "20 mm", "model.spacing": "0.2 mm"}))
+    system = build_system(scene, make_plan(scene))
+    h, p, EA, EI = 600.0, 2e4, system.types[0].EA, system.types[0].EI
+    a = 6.0
+    thrust = EA * (math.pi * h / 2 / p) ** 2 * (1 - (1 - a / h) ** 2)
+    expected = 2 * thrust * math.sin(math.atan(math.pi * (h - a) / p))
+    bending = 48 * EI * a / p**3
+    assert 0.01 * expected < bending and thrust < 4 * math.pi**2 * EI / p**2
+    assert arches(scene, system, 1.0)(2 * a) == pytest.approx(expected + bending, rel=0.01)
+    assert arches(scene, system, 10.0)(2 * a) == pytest.approx(expected / 10 + bending, rel=0.01)
+    # a strut between clamped ends: further down the flank has its greatest thrust and leans less
+    deep = 2 * 4 * math.pi**2 * EI / p**2 * math.sin(math.atan(math.pi * (h - 200) / p)) + 48 * EI * 200 / p**3
+    assert arches(scene, system, 1.0)(400.0) == pytest.approx(deep, rel=0.01)
+    half = scene_from_dict(
+        changed({"assembly.spacing": "20 mm", "model.spacing": "0.2 mm", "cell.tension.warp": "1 N"})
+    )
+    assert arches(half, system, 1.0)(2 * a) == pytest.approx(expected / 2 + bending, rel=0.01)
 
 
 def test_fibre_mat_inverts_itself():
@@ -149,6 +176,8 @@ def test_plans_say_what_the_other_resolution_would_be():
     scene = scene_from_dict(changed({"assembly.tow": flat}))
     plan = make_plan(scene)
     other = other_levels(scene, plan)
-    assert list(other) == ["filament"] and other["filament"].n_filaments == 16 > plan.n_filaments
+    assert list(other) == ["rod", "filament"] and other["filament"].n_filaments == 16 > plan.n_filaments
+    assert other["rod"].key == "model.level"  # too flat to roll
     solid = scene_from_dict(changed({"assembly.tow": {"thickness": "1.2 mm", "modulus": "1 GPa"}}))
-    assert other_levels(solid, make_plan(solid))["filament"].key == "assembly.tow.filaments"
+    other = other_levels(solid, make_plan(solid))
+    assert other["filament"].key == "assembly.tow.filaments" and other["rod"].level == "rod"

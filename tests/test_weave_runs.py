@@ -7,13 +7,17 @@ import tomli_w
 from test_weave_scene import changed
 
 from cgfibre import workflow
+from cgfibre.engine.collect import read_run
 from cgfibre.engine.dump import read_record, read_states
+from cgfibre.engine.job import run_job, write_job
 from cgfibre.engine.lammps import find_engine, run_deck
 from cgfibre.engine.plugin import find_plugin
 from cgfibre.errors import EngineError, InputError
 from cgfibre.measure.compaction import thickness_at_pressure
+from cgfibre.measure.fabric import fabric_of, tow_lines
 from cgfibre.plan.make import make_plan
-from cgfibre.scene import load_scene
+from cgfibre.plan.system import build_system
+from cgfibre.scene_reading import load_scene
 from cgfibre.store import read_results
 
 pytestmark = pytest.mark.skipif(find_plugin(find_engine()) is None, reason="weaves need the plugin")
@@ -48,7 +52,7 @@ def test_a_periodic_cell_a_patch_and_finer_beads_agree(weave):
     cell = weave("cell", {})
     assert cell.trusted, cell.summary["warnings"]
     c = cell.curve
-    assert c["pressure_MPa"][-1] == pytest.approx(0.2, rel=0.02)
+    assert c["pressure_MPa"][-2] < 0.2 * 1.001 < c["pressure_MPa"][-1] < 0.23  # one row in forty beyond it
     assert c["force_top_N"][-1] == pytest.approx(0.2 * 100 * c["pressure_MPa"][-1] / 0.2, rel=1e-6)  # over 1 cm2
     heavy = c["pressure_MPa"] > 0.05
     assert np.allclose(c["force_top_N"][heavy], c["force_bottom_N"][heavy], rtol=0.02)
@@ -107,7 +111,9 @@ def test_in_the_plane(weave):
     strained = weave("strained", {"cell.strain": {"x": 0.01}})
     assert strained.curve["force_top_N"][1] > 10 * as_built.curve["force_top_N"][1]
     assert sheared.summary["warnings"] == pulled.summary["warnings"] == strained.summary["warnings"] == []
-    assert not sheared.summary["fabric"] and "not measured" in sheared.summary["notes"][0]
+    for name, (values, _) in as_built.review.statistics.items():
+        if not name.startswith(("crossing", "contact", "displacement", "open", "void", "hydraulic", "largest")):
+            assert sheared.review.statistics[name][0] == pytest.approx(values, rel=1e-3), name
     # the weft moves apart with the cell, which its warp follows: crimp (as built 3.5 %) goes, tows stay whole
     results = read_results(weave.folder / "strained/results.h5")
     fabric = strained.review.statistics
@@ -118,6 +124,23 @@ def test_in_the_plane(weave):
     built = as_built.review.statistics
     assert 0.006 < built["crimp_warp"][0][0] - fabric["crimp_warp"][0][0] < 0.01
     assert 1 < 1.01 * fabric["areal_density"][0][0] / built["areal_density"][0][0] < 1.003
+
+
+def test_warp_and_weft_that_are_built_alike_stay_alike(tmp_path):
+    """Yarns that hardly resist bending: contacts as long as segments, whichever tow has the lower number."""
+    scene, plan = workflow.plan_scene("glass-weave", ("output.frames=4", "model.accuracy=0.1"))
+    system = build_system(scene, plan)
+    write_job(tmp_path / "deck", system, plan, "")
+    run_job(find_engine(), tmp_path / "deck", plan, 1, False)
+    curve, frames, _ = read_run(tmp_path / "deck", system, plan)
+    assert curve["pressure_MPa"].max() == pytest.approx(1.0, rel=0.1)
+    fabric, height = fabric_of(system), []
+    for positions in frames.positions:
+        lines = [line for axis in (0, 1) for line in tow_lines(fabric, positions) if line.axis == axis]
+        height.append([np.ptp(line.points[:, 2]) for line in lines])
+    assert np.max(height[-1]) < 0.95 * np.max(height[0])
+    # with contacts seen from the warp alone the weft is 3 % higher
+    assert np.ptp(height[-1]) < 0.005 * np.mean(height[-1])
 
 
 def test_a_textile_of_texgen_is_pressed_as_the_same_weave_of_ours(weave):

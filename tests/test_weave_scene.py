@@ -7,8 +7,8 @@ from scene_tables import ABSENT, with_changes
 from cgfibre.build import weave
 from cgfibre.errors import InputError
 from cgfibre.plan.make import make_plan
-from cgfibre.scene import load_scene, scene_from_dict
 from cgfibre.scene_assembly import interlacing
+from cgfibre.scene_reading import load_scene, scene_from_dict
 
 WEAVE = {
     "filament": {"material": "nylon"},
@@ -94,15 +94,18 @@ def test_in_plane_and_laws_are_read():
         ({"ends.tension": "0.1 N"}, "ends", "a cell has no ends"),
         ({"platens.width": "1 mm"}, "platens", "platens cover all of a weave"),
         ({"platens.stop": {"displacement": "2.4 mm"}}, "platens.stop.displacement", "less than the thickness"),
-        ({"model.level": "section"}, "model.level", "'auto' or 'chain'"),
+        ({"model.level": "section"}, "model.level", "'auto', 'chain' or 'rod'"),
         ({"model.far_field": "graded"}, "model.far_field", "no such key"),
         ({"contact.law": "table"}, "contact.table", "a CSV file"),
         ({"contact.rise": "10 um"}, "contact.rise", "it belongs to law = 'exponential'"),
         ({"contact.law": "line", "contact.stiffness": 0.1}, "contact.stiffness", "laws 'linear' and 'exponential'"),
         ({"contact.law": "linear", "model.resolve": "filament"}, "contact.law", "with model.resolve = 'filament'"),
         ({"cell": {"strain": {"x": 0.1}, "tension": "1 N"}}, "cell.tension.warp", "0 N where cell.strain.x is given"),
-        ({"cell": {"shear": "10 deg"}, "assembly.cell": "patch"}, "cell", "its ends are held"),
-        ({"cell": {"shear": "10 deg", "edges": "free"}}, "cell.edges", "'held' with cell.shear"),
+        ({"cell": {"shear": "70 deg"}}, "cell.shear", "below"),
+        ({"cell": {"shear": "10 deg", "when": "later"}}, "cell.when", "'during'"),
+        ({"cell": {"shear": "10 deg", "over": "50 um"}}, "cell.over", "it belongs to 'during'"),
+        ({"cell": {"shear": "10 deg", "when": "during", "over": "0 um"}}, "cell.over", "'auto' or a length"),
+        ({"cell": {"tension": "1 N", "when": "after"}}, "cell.tension.warp", "edges = 'free', with when = 'after'"),
     ],
 )
 def test_a_bad_weave_gives_one_line_that_names_the_key(changes, key, part):
@@ -126,6 +129,38 @@ def test_bundles_refuse_what_is_a_weaves():
         with pytest.raises(InputError) as caught:
             scene_from_dict(bundle | change)
         assert caught.value.key == key
+
+
+def test_plans_say_the_order_and_the_time_of_what_happens_in_the_plane():
+    """Before: steps while the platens wait; during: a way of the platen, slow enough; after: while it is held."""
+
+    def plan_of(cell, **more):
+        return make_plan(scene_from_dict(changed({"cell": cell} | more)))
+
+    def said(plan):
+        return {c.what: c for c in plan.choices}
+
+    held, before = plan_of({}), plan_of({"shear": "50 deg"})
+    assert said(held)["in the plane"].value == "held" and "trellis" not in said(held)
+    assert "before the platens move" in said(before)["in the plane"].reason
+    assert "from 45.7 deg on, lie side by side at 76.1 deg" in said(before)["trellis"].value
+    assert before.woven.steps_before > 1.2 * before.woven.preparation > 0
+    assert before.motion == held.motion and before.predicted_seconds > 1.5 * held.predicted_seconds
+    during = plan_of({"strain": {"x": 0.01}, "when": "during"})
+    assert during.woven.steps_before == 0 and f"{during.woven.over:.4g} um" in said(during)["in the plane"].reason
+    assert plan_of({"shear": "5 deg", "when": "during", "over": "12 um"}).woven.over == 12.0
+    stop = {"platens.stop": {"displacement": "90 um"}}
+    assert plan_of({"shear": "5 deg", "when": "during"}, **stop).woven.over == 90.0
+    # a way that the platen goes in less than ten of the fabric's periods slows it
+    short = plan_of({"shear": "5 deg", "when": "during", "over": "5 um"})
+    assert short.motion.first < 0.7 * during.motion.first and short.motion.pace < during.motion.pace
+    after = plan_of({"shear": "5 deg", "when": "after"}, **{"platens.hold": "1 ms"})
+    rows = after.sampling.sample
+    assert after.motion.hold_steps >= after.woven.preparation + 1e3 / after.timestep
+    assert after.motion.hold_steps - after.woven.preparation < 1e3 / after.timestep + rows + 1
+    assert "behind the last loading" in said(after)["in the plane"].reason
+    patch = plan_of({"tension": "1 N"}, **{"assembly.cell": "patch"})
+    assert patch.woven.moved and not patch.woven.periodic and patch.woven.tension == (2e9, 2e9)
 
 
 @pytest.mark.parametrize("name", SHIPPED)

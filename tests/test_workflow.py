@@ -20,7 +20,7 @@ from cgfibre.engine.lammps import find_engine, run_deck
 from cgfibre.errors import EngineError, InputError
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.system import build_system
-from cgfibre.scene import load_scene
+from cgfibre.scene_reading import load_scene
 
 COLUMNS = (
     "step,time_us,displacement_um,thickness_um,force_top_N,force_bottom_N,pressure_MPa,"

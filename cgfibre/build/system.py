@@ -17,6 +17,28 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 
+def whole_periods(away: FloatArray, period: FloatArray, tilt: float = 0.0) -> FloatArray:
+    """(..., k) whole periods nearest to vectors ``away`` (..., k), k = 2 or 3 axes, um: less them they are those to the
+    nearest image.
+
+    ``period`` (k,) um, 0 along axes that do not repeat; a step along y also goes ``tilt`` um along x. Of vectors short
+    beside the cell.
+    """
+    shift = np.zeros_like(away)
+    if tilt and period[1] > 0:
+        rows = np.round(away[..., 1] / period[1])
+        shift[..., 1] = period[1] * rows
+        shift[..., 0] = tilt * rows
+        if period[0] > 0:
+            shift[..., 0] += period[0] * np.round((away[..., 0] - shift[..., 0]) / period[0])
+        axes = np.flatnonzero(period[2:] > 0) + 2
+    else:
+        axes = np.flatnonzero(period > 0)
+    for axis in axes:
+        shift[..., axis] = period[axis] * np.round(away[..., axis] / period[axis])
+    return shift
+
+
 @dataclass(frozen=True)
 class FilamentType:
     """Section constants of one kind of filament.
@@ -47,6 +69,8 @@ class FilamentSystem:
     types : section constants
     box : (3, 2) float, um; periodic : (3,) bool
     prestrain : (n_filaments,) float; axial strain of the shape as built over the natural (stress-free) length
+    tilt : um by which the box's upper y edge lies over the lower one along x: of a sheared cell, whose x edges are
+        ``box[0]`` at the lower one
     provenance : what built it (builder, spec, seed)
 
     A filament of one bead is a disc: the cross-section models use it, its x is 0.
@@ -62,6 +86,7 @@ class FilamentSystem:
     periodic: BoolArray
     prestrain: FloatArray
     provenance: dict[str, Any] = field(default_factory=dict)
+    tilt: float = 0.0
 
     def __post_init__(self) -> None:
         n = self.n_filaments
@@ -129,11 +154,24 @@ class FilamentSystem:
     def bond_vectors(self) -> FloatArray:
         """(n_bonds, 3) from first to second bead, by minimum image along periodic axes, um."""
         b = self.bonds()
-        d = self.positions[b[:, 1]] - self.positions[b[:, 0]]
-        size = self.box[:, 1] - self.box[:, 0]
-        for axis in np.flatnonzero(self.periodic):
-            d[:, axis] -= size[axis] * np.round(d[:, axis] / size[axis])
-        return d
+        return self.nearest(self.positions[b[:, 1]] - self.positions[b[:, 0]])
+
+    def nearest(self, away: FloatArray) -> FloatArray:
+        """(n, 3) vectors ``away`` to the nearest image, um."""
+        return away - whole_periods(away, self.period, self.tilt)
+
+    @property
+    def period(self) -> FloatArray:
+        """(3,) size of the box along periodic axes, 0 along the others, um."""
+        return np.where(self.periodic, self.box[:, 1] - self.box[:, 0], 0.0)
+
+    def upright(self, points: FloatArray) -> FloatArray:
+        """(..., 2 or 3) points or vectors with the tilt taken back: x - y tilt/(size of the box along y), um."""
+        if not self.tilt:
+            return points
+        out = np.array(points, dtype=float)
+        out[..., 0] -= out[..., 1] * self.tilt / float(self.box[1, 1] - self.box[1, 0])
+        return out
 
     def bond_lengths(self) -> FloatArray:
         """(n_bonds,) length as built, um."""

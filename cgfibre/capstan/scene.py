@@ -15,7 +15,8 @@ from cgfibre import units
 from cgfibre.capstan.column import LARGEST_TURN, Column
 from cgfibre.errors import InputError
 from cgfibre.mechanics.stick_slip import StickSlipLaw
-from cgfibre.scene import Filament, Table, read_tables, validated
+from cgfibre.scene import Filament, Table
+from cgfibre.scene_reading import read_tables, validated
 from cgfibre.scene_values import Value, refusal
 
 Length = Annotated[float, Value("um", above=0.0, most=1e7)]

@@ -13,6 +13,7 @@ from cgfibre.cases.capsule import HELD, R, line_law, posed, segments_for, straig
 from cgfibre.cases.experiment import Measured, Outcome, moved, run_on
 from cgfibre.cases.friction import MU, parallel_filaments
 from cgfibre.cases.rods import AWAY, D
+from cgfibre.mechanics import rod
 from cgfibre.plan.model import Plan
 
 #: of friction against the crossing angle, degrees: some of the thesis' table 3-1
@@ -221,4 +222,54 @@ def torque_of_friction(folder: Path, level: str, spacing: float) -> list[Measure
     return [
         Measured(*grid, "F_t/F_n", "1", float(across / -normal), MU, out.time.cpu),
         Measured(*grid, "torque", "nN um", float(torque), float(MU * normal * (D - approach) / 2), 0.0),
+    ]
+
+
+def rolled(folder: Path, level: str, spacing: float, length: float = 40.0) -> list[Measured]:
+    """A rod of ``length`` diameters, kept in its place and from turning at its ends, over whose middle another one is
+    dragged: friction at the surface turns it there by T L/(4 GJ), T = mu N R.
+
+    Its grips stand a tenth of a segment beyond its ends. The lens is cut by the middle bead: each half of it turns the
+    rod at the foot of its own force, c from there, so L is less by 2 c; it touches R above the axis, c/2 from there, so
+    what it presses leans by atan(c/2 R).
+    """
+    overlap, n = 0.02 * D, 2 * math.ceil(length / spacing / 2)
+    s = spacing * D
+    shapes = [straight(n, spacing), straight(n, spacing, (0, 0, D - overlap), 90.0)]
+    plan, system = posed(level, spacing, shapes, {"contact.damping_ratio": 1e-9})
+    f, inertia = system.types[0], rod.SPHERE_INERTIA * system.types[0].mass_per_length * s * D**2
+    frequency = math.pi / (n * s) * math.sqrt(f.GJ * s / inertia)
+    steps = math.ceil(20 / frequency / plan.timestep / 20) * 20
+    way = 2 * overlap  # the friction spring gives way at a fifth of the overlap, the rod turns by less
+    out = run_on(
+        1,
+        folder,
+        system,
+        moved(plan, 1e-9, steps, sample=steps),
+        [
+            *HELD,
+            f"group lower id 1:{n + 1}",
+            "group upper molecule 2",
+            "fix integrate lower nve/bpm/sphere",
+            "fix still lower setforce 0 0 0",
+            f"fix pull upper move linear 0 {way / steps / plan.timestep:.17g} 0",
+            "compute grip upper reduce sum fx fy fz",
+            "compute turns all property/atom quatw quati",
+            "compute touching all capsule/local",
+            f"group middle id {n // 2 + 1}",
+            "compute turn middle reduce sum c_turns[1] c_turns[2]",
+            f'fix probe all ave/time {steps} 1 {steps} c_grip[*] c_turn[*] file probe.txt format " %.17g"',
+            f"dump lens all local {steps} lens.txt index c_touching[5] c_touching[12] c_touching[14]",
+        ],
+        {"drag": 0.0, "turning_drag": 2 * frequency * inertia} | AWAY,
+    )
+    _, across, normal, w, i = out.rows("probe.txt")[-1, 1:]
+    rows = [line.split() for line in (folder / "lens.txt").read_text().split("index")[-1].splitlines()[1:]]
+    load, x, z = np.array(rows, dtype=float).T[1:]
+    foot, lever = (float(np.average(values, weights=load)) for values in (2 * np.abs(x), z))
+    exact = across * lever * (n * s + 0.2 * s - 2 * foot) / (4 * f.GJ)
+    grid = ("rolled by friction", level, spacing)
+    return [
+        Measured(*grid, "F_t/F_n", "1", float(-across / normal), MU * math.hypot(1, foot / lever / 2), out.time.cpu),
+        Measured(*grid, "turn", "rad", float(2 * np.arctan2(i, w)), float(exact), 0.0),
     ]

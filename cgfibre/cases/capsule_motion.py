@@ -181,11 +181,11 @@ def thickness_at(folder: Path, spacing: float, forces: FloatArray, count: int = 
             "assembly.seed": seed,
             "platens.width": f"{48 * D} um",
             "platens.friction": 0.3,
-            "platens.stop": {"displacement": "8 um"},
+            "platens.stop": {"displacement": "10 um"},
             "contact.softening": 1.0,
         }
     )
-    way, rows = 8.0, 100
+    way, rows = 10.0, 125
     steps = math.ceil(way / 0.2 / plan.timestep / rows / 20) * rows * 20
     out = run(folder, system, moved(plan, way / steps / plan.timestep, steps, sample=steps // rows))
     shift, force = out.record.mean["displacement"], np.maximum.accumulate(out.record.mean["top_force"])

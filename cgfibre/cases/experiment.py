@@ -22,7 +22,8 @@ from cgfibre.engine.plugin import copy_plugin, needs_plugin, plugin_variables
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.model import Plan
 from cgfibre.plan.system import build_system
-from cgfibre.scene import Scene, scene_from_dict
+from cgfibre.scene import Scene
+from cgfibre.scene_reading import scene_from_dict
 
 #: one 0.7 mm carbon filament
 SCENE = {

@@ -18,7 +18,9 @@ from cgfibre.cases import (
     contact,
     friction,
     invariants,
+    ribbon,
     rods,
+    woven,
 )
 from cgfibre.cases.experiment import Measured
 
@@ -203,6 +205,17 @@ CAPSULE_CASES: tuple[Case, ...] = (
         (4.0,),
     ),
     Case(
+        "rolled by friction",
+        capsule_friction.rolled,
+        {
+            "F_t/F_n": Limit(5e-5, "Coulomb's law; the place of half a lens to six digits"),
+            "turn": Limit(3e-5, "settling; the place of half a lens to six digits"),
+        },
+        ("rod, capsules",),
+        CAPSULE_SPACINGS,
+        (4.0,),
+    ),
+    Case(
         "capsules pushed across",
         capsule_motion.pushed_across,
         {
@@ -259,7 +272,44 @@ CAPSULE_CASES: tuple[Case, ...] = (
             "linear, change": Limit(1e-12, "pair forces: rounding"),
             "angular, change": Limit(1e-11, "pair forces and torques: rounding"),
         },
-        **CAPSULES,
+        CAPSULES["levels"],
+        (1.0, 2.0, 4.0),  # filaments of 16 D
+        (4.0,),
+    ),
+)
+
+RIBBONS: Any = {"levels": ("chain, capsules",), "spacings": (1.0, 2.0, 4.0), "quick": (4.0,)}
+#: flat tows as ribbons of joined chains
+RIBBON_CASES: tuple[Case, ...] = (
+    Case("ribbon bent out of its plane", ribbon.cantilevers, {"deflection": SETTLED}, **RIBBONS),
+    *(
+        Case(
+            f"ribbon bent in its plane, chords of {reach}",
+            _part(ribbon.cantilevers, way="y", reach=reach),
+            {"deflection": SETTLED},
+            **RIBBONS,
+        )
+        for reach in (1, 3)
+    ),
+    Case("ribbon twisted", ribbon.twisted, {"turn": Limit(1e-5, "exact; settling")}, **RIBBONS),
+    Case(
+        "ribbon twisted, ends held",
+        ribbon.held_and_twisted,
+        {"energy": Limit(2e-3, "helices of (y tau)^2 = 3e-3; their chords", order=float("nan"))},
+        **RIBBONS,
+    ),
+    Case(
+        "ribbon let go",
+        ribbon.let_go,
+        {
+            "drift": Limit(
+                1e-5, "leapfrog's own energy differs by (omega dt)^2/8 of its fastest modes'", order=float("nan")
+            ),
+            "scatter of energy": Limit(
+                2e-5, "leapfrog's own energy differs by (omega dt)^2/8 of its fastest modes'", order=float("nan")
+            ),
+        },
+        **RIBBONS,
     ),
 )
 
@@ -453,7 +503,22 @@ CASES: tuple[Case, ...] = (
         quick=(1.0,),
     ),
     Case("frame", invariants.frame, FRAME, quick=(2.0,)),
+    Case(
+        "woven arch",
+        woven.woven_arch,
+        {
+            ("deflection", "chain"): Limit(
+                1e-5, "second order in the spacing over 20 D from crossing to crossing", 0.012, 1.9
+            ),
+            ("deflection", "rod"): Limit(
+                1e-4, "second order in the spacing over 20 D from crossing to crossing", 0.0035, 1.9
+            ),
+        },
+        spacings=(0.5, 1.0, 2.0),
+        quick=(0.5, 1.0),
+    ),
     *CAPSULE_CASES,
+    *RIBBON_CASES,
 )
 
 

@@ -12,8 +12,10 @@ import numpy.typing as npt
 from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
 from cgfibre.engine.capsule import capsule_parameters, tables
 from cgfibre.engine.datafile import DataFile, Topology, group_types
-from cgfibre.engine.fabric import fabric_parameters, rest_forces
+from cgfibre.engine.fabric import fabric_box, fabric_parameters, rest_forces
 from cgfibre.engine.mirror import right_half
+from cgfibre.engine.natural import axis_and_angle, natural_shape, straight_shape
+from cgfibre.engine.ribbon import joined, longest_joint, with_rungs
 from cgfibre.engine.subbundle import law_files
 from cgfibre.errors import InputError
 from cgfibre.mechanics.elastica import SpringLaw
@@ -30,6 +32,8 @@ EDGE = 1e-3  # um: a bead that stands on a platen's edge counts as under it
 HARMONIC_BEND = 0.01
 #: a rod's angles carry this part of EI/s: they measure bending energy, see in.rod
 ANGLE_GAUGE = 1e-6
+#: kinds of rods that in.rod knows
+ROD_KINDS = 2
 
 
 @dataclass(frozen=True)
@@ -90,8 +94,13 @@ def _pair_rows(n_types: int, contact: Contact) -> list[tuple[int, int, str]]:
     return [(i, j, words) for i in range(n_types) for j in range(i, n_types)]
 
 
+def _kind_of_bead(system: FilamentSystem) -> IntArray:
+    """(n_beads,) index of the kind of each bead's filament."""
+    return system.filament_type[system.filament_of_bead]
+
+
 def _bead_types(system: FilamentSystem, role: IntArray) -> IntArray:
-    return role * len(system.types) + system.filament_type[system.filament_of_bead] + 1
+    return role * len(system.types) + _kind_of_bead(system) + 1
 
 
 def _density(mass: FloatArray, diameter: FloatArray) -> FloatArray:
@@ -253,10 +262,7 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
     kind_of_bond = system.filament_type[system.filament_of_bead[bonds[:, 0]]]
     EA = np.array([t.EA for t in types])[kind_of_bond] / plan.axial_softening
     rest = system.bond_lengths() / (1 + _strain(system, plan))
-    bond_kind, first = group_types(EA / (2 * rest), rest)
-    bond = Topology(
-        "Bond", bonds, bond_kind, [(float(EA[i] / (2 * rest[i])), float(rest[i])) for i in first], "harmonic"
-    )
+    rungs, joints, joint_parameters = joined(system, plan)
     stiffness = every_bead(system, plan.beads.hinge)[angles[:, 1]]
     style = "cosine"
     rows: list[tuple[float, ...]]
@@ -271,7 +277,8 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
         angle_kind, first = group_types(stiffness)
         rows = [(float(stiffness[i]),) for i in first]
     limit = plan.timestep_limit
-    topologies = [bond, Topology("Angle", angles, angle_kind, rows, style)]
+    topologies = [with_rungs(bonds, EA / (2 * rest), rest, rungs), Topology("Angle", angles, angle_kind, rows, style)]
+    topologies += joints
     if plan.torsion == "dihedral":
         limit = _dihedral_step(system, plan, bend, mass)
         topologies.append(_dihedrals(system))
@@ -292,7 +299,7 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
         ],
         atom_format=["%d", "%.17g", "%.17g", "%.17g", "%.17g", "%.17g", "%d"],
         n_types=n_types,
-        box=system.box,
+        box=fabric_box(system, plan),
         pair_style="granular",
         pair_rows=[] if plan.contact.per_length else _pair_rows(n_types, plan.contact),
         topologies=topologies,
@@ -311,7 +318,7 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
         "end_load_nN": plan.beads.end_load,
         "boundary_x": "p" if plan.beads.closed else "m",
     }
-    parameters |= fabric_parameters(system, plan)
+    parameters |= fabric_parameters(system, plan, data.box) | joint_parameters
     if plan.beads.support == "symmetric":
         parameters |= {"mirror": 2, "plane_x_um": float(plan.beads.stations[1])}
     if plan.beads.support == "condensed":
@@ -321,9 +328,11 @@ def _chain(whole: FilamentSystem, plan: Plan) -> Deck:
 
 def _ghost_cutoff(system: FilamentSystem, plan: Plan) -> float:
     """Reach of ghost beads, um. With a far field ranks share the filaments out across y and z, never along x, so its
-    long bonds need no reach. Segments that touch want to know the ones behind and before them too."""
+    long bonds need no reach. Segments that touch want to know the ones behind and before them too, ribbons the beads
+    that they join."""
     spacings = CAPSULE_GHOST_SPACINGS if plan.contact.per_length else GHOST_SPACINGS
-    return spacings * plan.spacing + float(np.max(system.diameter)) + 2.0
+    of_joints = 1.1 * longest_joint(system, plan) + (plan.woven.skin if plan.woven else 0.0)
+    return max(spacings * plan.spacing + float(np.max(system.diameter)), of_joints) + 2.0
 
 
 def _check_curved(bend: FloatArray) -> None:
@@ -377,7 +386,7 @@ def _dihedrals(system: FilamentSystem) -> Topology:
 
 
 def _rod(system: FilamentSystem, plan: Plan) -> Deck:
-    if len(system.types) != 1:
+    if len(system.types) > (ROD_KINDS if plan.woven is not None else 1):
         raise InputError("filament", f"{len(system.types)} kinds", "one kind of filament at level rod")
     if plan.beads.closed and (plan.beads.tension or np.any(system.prestrain)):
         raise InputError(
@@ -387,16 +396,16 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
             'its natural length; or level = "chain"',
         )
     role, mass = _along(system, plan)
-    kind = system.types[0]
     bonds, angles = system.bonds(), system.angles()
-    lengths, vectors = system.bond_lengths(), system.bond_vectors()
-    _check_upright(vectors)
     strain = _strain(system, plan)
-    natural = _natural_positions(system, vectors / (1 + strain)[:, None])
-    positions, molecule = system.positions, system.filament_of_bead + 1
-    n, beads = system.n_beads, len(system.positions)
-    bond_kind = np.ones(len(bonds))
-    rest = lengths / (1 + strain)
+    woven_in = plan.woven is not None and not plan.woven.at_rest
+    shape = straight_shape(system) if woven_in else natural_shape(system, strain)
+    _check_upright(shape.segments[bonds[:, 0]])
+    natural, segments = shape.positions, shape.segments
+    positions, molecule, kind = system.positions, _molecules(system, plan), _kind_of_bead(system)
+    n = system.n_beads
+    bond_kind: FloatArray = kind[bonds[:, 0]].astype(np.float64) + 1
+    rest = system.bond_lengths() / (1 + strain)
     lighter = np.minimum(mass[bonds[:, 0]], mass[bonds[:, 1]])
     if plan.beads.support == "simple" and int(np.sum(plan.beads.role == LEFT)) == 1:
         # a grip beyond each pinned end holds its turn about the filament by a bond with twist stiffness alone
@@ -417,23 +426,30 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         role = np.concatenate([role, np.full(len(grips), GRIP)])
         mass = np.concatenate([mass, np.full(len(grips), mass[first[0]])])
         molecule = np.concatenate([molecule, np.tile(np.arange(1, system.n_filaments + 1), 2)])
-        beads = n + len(grips)
+        kind = np.concatenate([kind, np.zeros(len(grips), dtype=np.int64)])
+        segments = np.concatenate([segments, np.zeros((len(grips), 3))])
     kinds, first_row = group_types(bond_kind, rest, lighter)
     gauge = every_bead(system, plan.beads.hinge)[angles[:, 1]] * ANGLE_GAUGE
     angle_kind, first_angle = group_types(gauge)
-    diameter = np.full(beads, kind.diameter)
-    n_types = ROLES
-    box = system.box.copy()
+    diameter = np.array([t.diameter for t in system.types])[kind]
+    n_types = ROLES * len(system.types)
+    box = shape.box
+    if plan.woven is not None and plan.woven.periodic and not woven_in:
+        box = fabric_box(system, plan)
     if not plan.beads.closed:
         # grips stand a segment beyond the ends, which is far where the beads are coarse
         reach = np.concatenate([natural[:, 0], positions[:, 0]])
-        box[0] = min(box[0, 0], reach.min() - kind.diameter), max(box[0, 1], reach.max() + kind.diameter)
+        room = float(np.max(diameter))
+        box[0] = min(box[0, 0], reach.min() - room), max(box[0, 1], reach.max() + room)
+    if plan.woven is None:  # as wide and as high to both sides
+        box[1:] = np.max(np.abs(box[1:]), axis=1)[:, None] * np.array([-1.0, 1.0])
+    capsules = plan.contact.per_length
     data = DataFile(
         title="cgfibre, level rod, units micro",
         atom_style="hybrid",
         # hybrid bpm/sphere angle: id type x y z molecule diameter density
         atom_columns=[
-            role + 1,
+            role * len(system.types) + kind + 1,
             natural[:, 0],
             natural[:, 1],
             natural[:, 2],
@@ -445,13 +461,16 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         n_types=n_types,
         box=box,
         pair_style="granular",
-        pair_rows=[] if plan.contact.per_length else _pair_rows(n_types, plan.contact),
+        pair_rows=[] if capsules else _pair_rows(n_types, plan.contact),
         topologies=[
             Topology("Bond", bonds, kinds, [()] * len(first_row), ""),
             Topology("Angle", angles, angle_kind, [(float(gauge[i]),) for i in first_angle], "cosine"),
         ],
         start=positions - natural,
+        natural=segments if capsules else None,
+        turn=None if shape.turn is None else axis_and_angle(shape.turn),
     )
+    ends = "clamped" if int(np.sum(plan.beads.role == LEFT)) == 2 else "pinned"
     parameters = _common(system, plan) | {
         "ghost_cutoff_um": _ghost_cutoff(system, plan),
         "ghost_least_um": GHOST_SPACINGS * plan.spacing,
@@ -461,21 +480,27 @@ def _rod(system: FilamentSystem, plan: Plan) -> Deck:
         "bond_types": len(first_row),
         "angle_types": len(first_angle),
         "atom_types": n_types,
-        "rod_EA": kind.EA / plan.axial_softening,
-        "rod_EI": kind.EI,
-        "rod_GJ": kind.GJ,
-        "rod_kGA": kind.kGA,
         "rod_damping": ROD_DAMPING,
-        "rod_ends": "clamped" if int(np.sum(plan.beads.role == LEFT)) == 2 else "pinned",
+        "rod_ends": "patch" if plan.beads.support == "patch" else ends,
         "angle_gauge": ANGLE_GAUGE,
-        "box_x_lo": float(box[0, 0]),
-        "box_x_hi": float(box[0, 1]),
-        "box_y": float(np.max(np.abs(box[1]))),
-        "box_z": float(np.max(np.abs(box[2]))),
         "support": plan.beads.support,
         "end_load_nN": plan.beads.end_load,
         "boundary_x": "p" if plan.beads.closed else "m",
     }
+    for k, t in enumerate(system.types):
+        suffix = "" if k == 0 else f"_{k + 1}"
+        parameters |= {
+            f"rod_diameter{suffix}": t.diameter,
+            f"rod_EA{suffix}": t.EA / plan.axial_softening,
+            f"rod_EI{suffix}": t.EI,
+            f"rod_GJ{suffix}": t.GJ,
+            f"rod_kGA{suffix}": t.kGA,
+        }
+    for axis, (low, high) in zip("xyz", box.tolist(), strict=True):
+        parameters |= {f"box_{axis}_lo": low, f"box_{axis}_hi": high}
+    parameters |= fabric_parameters(system, plan, box)
+    if woven_in:
+        parameters["woven_in"] = 1
     columns = {
         "bond_kinds.txt": bond_kind[first_row],
         "bond_lengths.txt": rest[first_row],
@@ -494,18 +519,6 @@ def _check_upright(vectors: FloatArray) -> None:
             f"no segment exactly along +z (here {int(np.sum(upright))}): the engine's rods lose their torsion there; "
             "lay the filaments along x, number their beads downwards or tilt them by 1e-9",
         )
-
-
-def _natural_positions(system: FilamentSystem, vectors: FloatArray) -> FloatArray:
-    """(n_beads, 3) the filaments laid out again from their first bead with these bond vectors (closing bonds apart)."""
-    bonds = system.bonds()
-    step = np.zeros_like(system.positions)
-    forward = bonds[:, 1] == bonds[:, 0] + 1
-    step[bonds[forward, 1]] = vectors[forward]
-    first = system.first_beads
-    total = np.cumsum(step, axis=0)
-    start = np.repeat(system.positions[first] - total[first], np.diff(system.filament_start), axis=0)
-    return total + start
 
 
 def section_deck(system: FilamentSystem, plan: Plan, name: str, pair_rows: list[tuple[int, int, str]]) -> Deck:

@@ -70,6 +70,7 @@ def capsule_parameters(plan: Plan) -> dict[str, float | int | str]:
         # filaments stretch a little; the style refuses half as much again
         "segment_um": 1.05 * longest,
         "capsule_spin": "yes" if plan.level == "rod" else "no",
+        "capsule_sides": "both" if c.both_sides else "one",
         "ends_touch": {"simple": "both", "patch": "both", "symmetric": "right"}.get(plan.beads.support, "none"),
         "contact_law": c.law,
         "contact_stiffness_kPa": stiffness[0],

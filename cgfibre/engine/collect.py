@@ -18,6 +18,7 @@ from cgfibre.record import Balance, Curve, Frames, phases
 JOULE = 1e-15  # of nN um
 NEWTON = 1e-9
 MPA = 1e-3  # of kPa
+NEWTON_PER_METRE = 1e-3  # of nN/um
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,11 @@ def curve_of(raw: RawRecord, system: FilamentSystem, plan: Plan) -> Curve:
     area = math.pi / 4 * float(np.sum(system.diameter**2))
     if plan.woven is not None:  # of a cell: its extent in y, and the section through all of its fibres
         built, area = plan.woven.size[1], plan.woven.volume / plan.platens.contact_length
+    cell = _cell_columns(raw, plan)
+    if cell:  # it may have been strained before the platens move
+        start = (cell[name][0] for name in ("cell_x_um", "cell_y_um", "shear_rad"))
+        x, y, turn = (float(value) for value in start)
+        built = x * y * math.cos(turn) / plan.platens.contact_length
     width = _with_start(built, m["width"])
     thickness = top - bottom - d
     step = _with_start(0.0, raw.step.astype(float))
@@ -74,7 +80,30 @@ def curve_of(raw: RawRecord, system: FilamentSystem, plan: Plan) -> Curve:
     }
     phase = _with_start(0.0, m["phase"] if "phase" in m else phases(m["displacement"]).astype(float))
     cycle = _with_start(1.0, m["leg"] if "leg" in m else np.ones(len(m["displacement"])))
-    return Curve(columns, np.rint(phase).astype(np.int64), width, np.rint(cycle).astype(np.int64))
+    return Curve(columns, np.rint(phase).astype(np.int64), width, np.rint(cycle).astype(np.int64), cell)
+
+
+def _cell_columns(raw: RawRecord, plan: Plan) -> dict[str, FloatArray]:
+    """Columns of a weave that is loaded in its plane, with the state at step 0 first; nothing of others.
+
+    work_cell_J: forces over the paths of the edges, couple over the change of the angle.
+    """
+    c, w = raw.cell, plan.woven
+    if w is None or not c:
+        return {}
+    work = np.zeros(len(c["edge_x"]))
+    for force, path in (("pull_x", "edge_x"), ("pull_y", "edge_y"), ("couple", "turned")):
+        f, u = c[force], c[path]
+        work[1:] += np.cumsum(0.5 * (f[1:] + f[:-1]) * np.diff(u))
+    return {
+        "cell_x_um": c["edge_x"],
+        "cell_y_um": c["edge_y"],
+        "shear_rad": c["turned"],
+        "tension_warp_N": c["pull_x"] / w.tows[0] * NEWTON,
+        "tension_weft_N": c["pull_y"] / w.tows[1] * NEWTON,
+        "shear_couple_N_per_m": c["couple"] / (c["edge_x"] * c["edge_y"]) * NEWTON_PER_METRE,
+        "work_cell_J": work * JOULE,
+    }
 
 
 def extremes_of(raw: RawRecord) -> Extremes:
@@ -106,8 +135,7 @@ def frames_of(folder: Path, system: FilamentSystem, plan: Plan, raw: RawRecord) 
     """Frames of a deck's folder, of equal steps the last, in rising order; a frame cut short at the end is dropped.
 
     Frames lie on the record's steps, where it has the displacement; the factor of stiffened contacts is recorded as
-    means over the windows, so it is read between their middles. A woven cell that is strained or pulled in its plane
-    comes with its box.
+    means over the windows, so it is read between their middles. A weave that is loaded in its plane comes with its box.
     """
     found: dict[int, FloatArray] = {}
     for step, positions in iterate_frames(folder / "trajectory.lammpstrj", moved_beads(system, plan)):
@@ -123,12 +151,13 @@ def frames_of(folder: Path, system: FilamentSystem, plan: Plan, raw: RawRecord) 
     if raw.balance:
         middle = at - 0.5 * plan.sampling.sample
         factor = np.interp(steps, _with_start(0.0, middle), _with_start(1.0, raw.balance["factor"]))
-    box = None
-    if found and plan.woven is not None and plan.woven.moved and plan.woven.shear == 0:
+    box, tilt = None, np.empty(0)
+    if found and plan.woven is not None and plan.woven.moved:
         boxes = frame_boxes(folder / "trajectory.lammpstrj")
         box = np.repeat(system.box[None], len(steps), axis=0)
-        box[:, :2] = [boxes[s][:2] for s in steps.tolist()]
-    return Frames(steps, displacement, stacked, factor, box)
+        box[:, :2] = [boxes[s][0][:2] for s in steps.tolist()]
+        tilt = np.array([boxes[s][1] for s in steps.tolist()])
+    return Frames(steps, displacement, stacked, factor, box, tilt)
 
 
 def read_run(folder: Path, system: FilamentSystem, plan: Plan) -> tuple[Curve, Frames, Extremes]:

@@ -31,7 +31,8 @@ class DataFile:
     """Content of a data file: the atom columns after ``id``, topologies, pair coefficients, start displacements.
 
     ``atom_columns`` each (n_atoms,); ``atom_format`` one %-format a column; ``pair_rows`` (i, j zero-based, words).
-    ``start`` and ``rest`` (n_atoms, 3) or None: written as the sections ``Start`` and ``Rest`` for fix property/atom.
+    ``start``, ``rest``, ``natural`` (n_atoms, 3) and ``turn`` (n_atoms, 4) or None: written as the sections ``Start``,
+    ``Rest``, ``Natural`` and ``Turn`` for fix property/atom.
     """
 
     title: str
@@ -45,6 +46,8 @@ class DataFile:
     topologies: Sequence[Topology] = field(default_factory=tuple)
     start: FloatArray | None = None
     rest: FloatArray | None = None
+    natural: FloatArray | None = None
+    turn: FloatArray | None = None
 
 
 def _rows(f: IO[str], columns: Sequence[np.ndarray], formats: Sequence[str]) -> None:
@@ -90,10 +93,11 @@ def write_data(path: Path, data: DataFile) -> None:
             f.write(f"\n{t.name}s\n\n")
             members = [t.members[:, k] + 1 for k in range(t.members.shape[1])]
             _rows(f, [np.arange(1, len(t.members) + 1), t.kind + 1, *members], ["%d"] * (2 + len(members)))
-        for name, vectors in (("Start", data.start), ("Rest", data.rest)):
+        for name in ("Start", "Rest", "Natural", "Turn"):
+            vectors = getattr(data, name.lower())
             if vectors is not None:
                 f.write(f"\n{name}\n\n")
-                _rows(f, [ids, *vectors.T], ["%d", "%.17g", "%.17g", "%.17g"])
+                _rows(f, [ids, *vectors.T], ["%d", *["%.17g"] * vectors.shape[1]])
 
 
 def group_types(*keys: FloatArray, digits: int = 10) -> tuple[IntArray, IntArray]:

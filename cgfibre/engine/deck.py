@@ -71,7 +71,8 @@ def write_deck(folder: Path, deck: str, parameters: Mapping[str, float | int | s
 
 DECK_README = """{about}
 
-This folder is a complete LAMMPS deck; it needs LAMMPS with the packages MOLECULE, GRANULAR and BPM, and no Python.
+This folder is a complete LAMMPS deck; it needs LAMMPS with the packages MOLECULE, GRANULAR and BPM
+(for twist of curved filaments and of flat tows EXTRA-MOLECULE), and no Python.
 
     lmp -in {deck}
     mpiexec -n 2 lmp -in {deck}
@@ -87,6 +88,8 @@ record.txt            means over sampling windows: displacement (um), force on t
 extremes.txt          extents, closest pair (um) and largest turn (rad) at the end of each window
 balance.txt           of a section: force of the springs and of the drag (nN), momentum (nN us), energy of the contacts
                       (nN um), how many times stiffer contacts have become, largest way of a disc from its place (um)
+cell.txt              of a weave that is loaded in its plane: tension on all warp and all weft tows (nN), couple against
+                      a change of their angle (nN um), edges along them (um), turn of the weft (rad)
 trajectory.lammpstrj  frames (um) that OVITO, VMD and MDAnalysis read
 checkpoint.0, .1      restarts, written by turns; state.0, state.1 say what they hold
 log.lammps            the engine's own log

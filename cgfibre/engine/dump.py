@@ -50,6 +50,8 @@ FRAME = b"ITEM: TIMESTEP\n"
 END_OF_RESTART = b"LammpS RestartT"
 
 
+#: of a weave that is loaded in its plane; the first row is the state at step 0
+CELL_COLUMNS = ("step", "pull_x", "pull_y", "couple", "edge_x", "edge_y", "turned")
 BALANCE_COLUMNS = ("step", "spring_force", "drag_force", "momentum", "contact_energy", "factor", "furthest")
 
 
@@ -58,7 +60,8 @@ class RawRecord:
     """Columns of record.txt and extremes.txt at their common steps, engine units; ``step`` (n,) int.
 
     ``start`` is the state at step 0, empty when nothing was written yet; ``balance`` what a section's springs and
-    contacts do (balance.txt), empty for other levels.
+    contacts do (balance.txt), empty for other levels; ``cell`` of a weave that is loaded in its plane (cell.txt): (n +
+    1,) from step 0 on, else empty.
     """
 
     step: IntArray
@@ -66,6 +69,7 @@ class RawRecord:
     state: dict[str, FloatArray]
     start: dict[str, float]
     balance: dict[str, FloatArray] = field(default_factory=dict)
+    cell: dict[str, FloatArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -124,9 +128,12 @@ def read_record(folder: Path) -> RawRecord:
     state = _newest_table(folder / "extremes.txt", EXTREME_COLUMNS, OLD_EXTREME_COLUMNS)
     start = state[state[:, 0] == 0]
     balance = _table(folder / "balance.txt", len(BALANCE_COLUMNS))
+    cell = _table(folder / "cell.txt", len(CELL_COLUMNS))
     steps = np.intersect1d(mean[:, 0], state[:, 0])
-    if len(balance):
-        steps = np.intersect1d(steps, balance[:, 0])
+    for more in (balance, cell):
+        if len(more):
+            steps = np.intersect1d(steps, more[:, 0])
+    cell = cell[np.isin(cell[:, 0], np.append(steps, 0.0))]
     mean, state, balance = (table[np.isin(table[:, 0], steps)] for table in (mean, state, balance))
     return RawRecord(
         step=mean[:, 0].astype(np.int64),
@@ -136,12 +143,13 @@ def read_record(folder: Path) -> RawRecord:
         if len(start)
         else {},
         balance={name: balance[:, k] for k, name in enumerate(BALANCE_COLUMNS) if k} if len(balance) else {},
+        cell={name: cell[:, k] for k, name in enumerate(CELL_COLUMNS) if k} if len(cell) else {},
     )
 
 
 def mend_tables(folder: Path) -> None:
-    """Cut a row that a kill or a full disk left unfinished off record.txt and extremes.txt before more is appended."""
-    for path in (folder / "record.txt", folder / "extremes.txt", folder / "balance.txt"):
+    """Cut a row that a kill or a full disk left unfinished off the tables before more is appended."""
+    for path in (folder / f"{name}.txt" for name in ("record", "extremes", "balance", "cell")):
         if path.exists():
             whole = path.read_bytes().rfind(b"\n") + 1
             os.truncate(path, whole)
@@ -171,13 +179,20 @@ def iterate_frames(path: Path, n_beads: int) -> Iterator[tuple[int, FloatArray]]
             yield found
 
 
-def frame_boxes(path: Path) -> dict[int, FloatArray]:
-    """(3, 2) bounds of the box in um at every step of a dump whose box is orthogonal; of equal steps the last."""
+def frame_boxes(path: Path) -> dict[int, tuple[FloatArray, float]]:
+    """Bounds (3, 2) of the box and its tilt along x, um, at every step of a dump; of equal steps the last.
+
+    Of a tilted box the dump has the bounds around it, which reach as far as its corners.
+    """
     found = {}
     for block in _blocks(path):
         head = block.split(b"\n", 8)
         if len(head) == 9:
-            found[int(head[1])] = np.array([row.split()[:2] for row in head[5:8]], dtype=float)
+            rows = np.array([row.split() for row in head[5:8]], dtype=float)
+            tilt = float(rows[0, 2]) if rows.shape[1] > 2 else 0.0
+            rows[0, 0] -= min(tilt, 0.0)
+            rows[0, 1] -= max(tilt, 0.0)
+            found[int(head[1])] = rows[:, :2], tilt
     return found
 
 

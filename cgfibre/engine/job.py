@@ -85,7 +85,7 @@ def run_job(
             if watch.note:
                 watch.note(f"going on from step {states[0].step} of about {plan.planned_steps}")
         else:
-            for name in ("record.txt", "extremes.txt", "balance.txt", "trajectory.lammpstrj"):
+            for name in ("record.txt", "extremes.txt", "balance.txt", "cell.txt", "trajectory.lammpstrj"):
                 (folder / name).unlink(missing_ok=True)
 
     def poll() -> None:

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from cgfibre.build.system import FloatArray, IntArray
+from cgfibre.build.system import FloatArray, IntArray, whole_periods
 from cgfibre.measure.crossings import Crossings
 from cgfibre.measure.fabric import Fabric
 from cgfibre.measure.segments import GAUSS, LineLaw, Stretches, period_of, touching_stretches
@@ -71,17 +71,46 @@ def touches(
     law: LineLaw,
     modulus: float | None = None,
     touching: np.ndarray | None = None,
+    both_sides: bool = False,
 ) -> Touch:
     """Contacts of a frame with their forces, by the engine's own rule (``pair_style capsule``), static.
 
     The normal force is the integral of ``law`` over the touching stretch by two Gauss points; with ``modulus`` E* (kPa,
     law ``line``) crossing filaments lead over to Hertz' ellipse where their lens is short beside the radius. Damping,
-    friction and history of unloading are not in it. ``touching`` as in :func:`touching_stretches`.
+    friction and history of unloading are not in it. ``touching`` as in :func:`touching_stretches`; ``both_sides``: the
+    mean of what either segment sees (``sides both``).
 
     Area: integral over the stretch of the width 2 sqrt(2 R d) of the overlap d of two cylinders, 1/R = 1/r1 + 1/r2: two
     that cross at a right angle have 2 pi r d, twice the area of Hertz' contact at that approach.
     """
-    s = touching_stretches(fabric.system, positions, touching)
+    one = _touches(fabric, touching_stretches(fabric.system, positions, touching), law, modulus)
+    if not both_sides:
+        return one[1]
+    other = _touches(fabric, touching_stretches(fabric.system, positions, touching, True), law, modulus)
+    return _mean_of_sides(one, other)
+
+
+def _mean_of_sides(one: tuple[IntArray, Touch], other: tuple[IntArray, Touch]) -> Touch:
+    """Contacts by the filament of the lower number, and by the higher one, of the same pairs of segments in part."""
+    pairs, place = np.unique(np.concatenate([one[0], other[0][:, ::-1]]), axis=0, return_inverse=True)
+    here, there, n = place.ravel()[: len(one[0])], place.ravel()[len(one[0]) :], len(pairs)
+    filaments = np.zeros((n, 2), dtype=np.int64)
+    filaments[there], filaments[here] = other[1].filaments[:, ::-1], one[1].filaments
+    position = np.zeros((n, 3))
+    position[there], position[here] = other[1].place, one[1].place  # of the lower one's axis where it sees the other
+
+    def half(name: str, sign: float = 1.0) -> FloatArray:
+        mine, theirs = getattr(one[1], name), getattr(other[1], name)
+        total = np.zeros((n, *mine.shape[1:]))
+        total[here] = 0.5 * mine
+        total[there] += 0.5 * sign * theirs
+        return total
+
+    return Touch(filaments, half("force"), half("vector", -1.0), position, half("length"), half("area"))
+
+
+def _touches(fabric: Fabric, s: Stretches, law: LineLaw, modulus: float | None) -> tuple[IntArray, Touch]:
+    """Segments and contacts of stretches, seen from the first of each pair."""
     radii = fabric.system.diameter[s.filaments] / 2
     share, soft = np.ones(len(s)), np.zeros(len(s))
     if modulus is not None:
@@ -104,7 +133,7 @@ def touches(
     deep = np.maximum(s.overlap(s.at(np.sin(angle)[:, None])), 0.0)
     relative = radii[:, 0] * radii[:, 1] / s.reach
     area = half * np.sum(weight[:, None] * 2 * np.sqrt(2 * relative * deep), axis=0)
-    return Touch(s.filaments, total, vector, s.start + centre[:, None] * s.unit, 2 * half, area)
+    return s.segments, Touch(s.filaments, total, vector, s.start + centre[:, None] * s.unit, 2 * half, area)
 
 
 @dataclass(frozen=True)
@@ -153,7 +182,7 @@ def crossing_loads(fabric: Fabric, crossings: Crossings, touch: Touch) -> Crossi
     for k in range(n):
         mine = np.flatnonzero((warp == crossings.first[k]) & (weft == crossings.second[k]))
         d = touch.place[across][mine, :2] - crossings.place[k, :2]
-        d -= np.where(period > 0, period * np.round(d / np.where(period > 0, period, 1.0)), 0.0)
+        d -= whole_periods(d, period, fabric.system.tilt)
         distance = np.sum(d * d, axis=1)
         nearer = distance < best[mine]
         owner[mine[nearer]], best[mine[nearer]] = k, distance[nearer]

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
+from cgfibre.build.system import FilamentSystem, FloatArray, IntArray, whole_periods
 from cgfibre.errors import InputError
 from cgfibre.measure.fabric import Fabric, Lines, TowLine, lines_of
 from cgfibre.measure.guards import Guard, filaments_through_each_other
-from cgfibre.measure.segments import period_of
+from cgfibre.measure.segments import period_of, stretched, wrapped
 from cgfibre.record import Frames
 
 #: of the mean segment: beads of both lines at the same place of the plan are taken this far apart
@@ -71,30 +71,29 @@ def _pieces(lines: Lines) -> _Pieces:
     return _Pieces(lines.points[:-1][keep], vector[keep], line[:-1][keep], along[:-1][keep])
 
 
-def crossings_of(first: Lines, second: Lines, period: FloatArray) -> Crossings:
+def crossings_of(first: Lines, second: Lines, period: FloatArray, tilt: float = 0.0) -> Crossings:
     """All crossings in plan view of a line of ``first`` with one of ``second``, periodic images counted once.
 
-    ``period`` (3,) um, 0 along axes that do not repeat. Where beads of both lie at the same place of the plan the
-    second set is moved by :data:`NUDGE` of a segment, so that every crossing is found exactly once.
+    ``period`` (3,) um, 0 along axes that do not repeat; ``tilt`` um of the cell. Where beads of both lie at the
+    same place of the plan the second set is moved by :data:`NUDGE` of a segment, so that every crossing is found
+    exactly once.
     """
     a, b = _pieces(first), _pieces(second)
     mean = np.linalg.norm(np.concatenate([a.vector, b.vector])[:, :2], axis=1).mean()
     b = replace(b, start=b.start + np.append(mean * NUDGE, 0.0))
     middle = [(p.start + p.vector / 2)[:, :2] for p in (a, b)]
     box = np.where(period[:2] > 0, period[:2], 0.0)
-    wrapped = [m.copy() for m in middle]
-    for axis in np.flatnonzero(box):
-        for m in wrapped:
-            # the second remainder: a tiny negative value rounds up to the period itself
-            m[:, axis] = np.mod(np.mod(m[:, axis], box[axis]), box[axis])
+    inside = [wrapped(m, box, tilt) for m in middle]
     reach = sum(float(np.linalg.norm(p.vector[:, :2], axis=1).max()) for p in (a, b)) / 2 + 1e-9 * mean
-    tree = cKDTree(wrapped[1], boxsize=box if box.any() else None)
+    reach *= stretched(box, tilt)
+    tree = cKDTree(inside[1], boxsize=box if box.any() else None)
     found: list[tuple[np.ndarray, ...]] = []
     for i in range(0, len(a.line), SLAB):
-        near = tree.query_ball_point(wrapped[0][i : i + SLAB], reach)
+        near = tree.query_ball_point(inside[0][i : i + SLAB], reach)
         one = np.repeat(np.arange(i, i + len(near)), [len(n) for n in near])
         other = np.array([k for n in near for k in n], dtype=np.int64)
-        found.append(_meeting(a, b, one, other, middle, box))
+        shift = whole_periods(middle[0][one] - middle[1][other], box, tilt)
+        found.append(_meeting(a, b, one, other, shift))
     s, t, one, other = (np.concatenate(c) for c in zip(*found, strict=True))
     order = np.lexsort((s, one, b.line[other], a.line[one]))  # the same in every frame
     s, t, one, other = s[order], t[order], one[order], other[order]
@@ -120,13 +119,9 @@ def crossings_of(first: Lines, second: Lines, period: FloatArray) -> Crossings:
     )
 
 
-def _meeting(
-    a: _Pieces, b: _Pieces, one: IntArray, other: IntArray, middle: list[FloatArray], box: FloatArray
-) -> tuple[np.ndarray, ...]:
-    """Shares (0 up to, not including, 1) at which candidate pieces cross, and the indices of the pieces."""
-    shift = np.zeros((len(one), 2))
-    for axis in np.flatnonzero(box):
-        shift[:, axis] = box[axis] * np.round((middle[0][one, axis] - middle[1][other, axis]) / box[axis])
+def _meeting(a: _Pieces, b: _Pieces, one: IntArray, other: IntArray, shift: FloatArray) -> tuple[np.ndarray, ...]:
+    """Shares (0 up to, not including, 1) at which candidate pieces cross, and the indices of the pieces; ``shift``
+    (n, 2) um brings those of ``b`` to their image."""
     w = b.start[other, :2] + shift - a.start[one, :2]
     u, v = a.vector[one, :2], b.vector[other, :2]
     det = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
@@ -148,7 +143,7 @@ def filament_crossings(fabric: Fabric, positions: FloatArray) -> Crossings:
     """Crossings of warp filaments (``first``) and weft filaments (``second``), numbered as in the system."""
     lines = lines_of(fabric.system, positions)
     warp, weft = (np.flatnonzero(fabric.filament_axis == k) for k in (0, 1))
-    found = crossings_of(_subset(lines, warp), _subset(lines, weft), period_of(fabric.system))
+    found = crossings_of(_subset(lines, warp), _subset(lines, weft), period_of(fabric.system), fabric.system.tilt)
     return replace(found, first=warp[found.first], second=weft[found.second])
 
 
@@ -166,7 +161,7 @@ def tow_crossings(fabric: Fabric, lines: list[TowLine]) -> Crossings:
                 np.array([line.tow for line in chosen], dtype=np.int64),
             )
         )
-    found = crossings_of(sets[0], sets[1], period_of(fabric.system))
+    found = crossings_of(sets[0], sets[1], period_of(fabric.system), fabric.system.tilt)
     return replace(found, first=sets[0].filament[found.first], second=sets[1].filament[found.second])
 
 

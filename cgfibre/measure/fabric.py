@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from cgfibre.build.system import BoolArray, FilamentSystem, FloatArray, IntArray
+from cgfibre.build.system import BoolArray, FilamentSystem, FloatArray, IntArray, whole_periods
 from cgfibre.errors import InputError
 from cgfibre.measure.segments import period_of, segments_of
 
@@ -71,8 +71,8 @@ def lines_of(system: FilamentSystem, positions: FloatArray) -> Lines:
 
 @dataclass(frozen=True)
 class Fabric:
-    """A woven assembly: ``axis`` (n_tows,) 0 for warp (along x) and 1 for weft (along y), ``members`` the filaments of
-    each tow. Tows are numbered as in ``system.tow``."""
+    """A woven assembly: ``axis`` (n_tows,) 0 for warp (along x) and 1 for weft (along y, or along the tilted edge of a
+    sheared cell), ``members`` the filaments of each tow. Tows are numbered as in ``system.tow``."""
 
     system: FilamentSystem
     axis: IntArray
@@ -94,7 +94,7 @@ class Fabric:
         return np.array([len(m) == 1 for m in self.members])
 
     def area(self) -> float:
-        """Area of the periodic cell in the plane, um2. Raises InputError for a fabric that does not repeat."""
+        """Area of the periodic cell in the plane, sheared or not, um2. Raises InputError where it does not repeat."""
         period = period_of(self.system)
         if not np.all(period[:2] > 0):
             raise InputError("system.periodic", self.system.periodic.tolist(), "x and y; give the area of a patch")
@@ -106,7 +106,7 @@ def fabric_of(system: FilamentSystem) -> Fabric:
 
     Raises InputError without both, for tows whose ids have gaps and for a tow whose filaments run both ways.
     """
-    runs = lines_of(system, system.positions).runs()
+    runs = system.upright(lines_of(system, system.positions).runs())
     along = np.argmax(np.abs(runs[:, :2]), axis=1)
     n = int(system.tow.max()) + 1
     members = tuple(np.flatnonzero(system.tow == t) for t in range(n))
@@ -215,7 +215,6 @@ def tow_lines(fabric: Fabric, positions: FloatArray) -> list[TowLine]:
     are taken in the periodic image nearest to the first one of their tow.
     """
     lines = lines_of(fabric.system, positions)
-    period = period_of(fabric.system)
     closed = fabric.system.closed
     out = []
     for tow, members in enumerate(fabric.members):
@@ -223,9 +222,8 @@ def tow_lines(fabric: Fabric, positions: FloatArray) -> list[TowLine]:
         share = np.linspace(0.0, 1.0, int(counts.max()))
         alike = bool(np.all(counts == counts[0]))  # beads of one number lie at one natural arc length
         filaments = np.array([lines[int(i)] if alike else _resampled(lines[int(i)], share) for i in members])
-        for axis in np.flatnonzero(period > 0):
-            middle = filaments[:, :, axis].mean(axis=1)
-            filaments[:, :, axis] += (period[axis] * np.round((middle[0] - middle) / period[axis]))[:, None]
+        middle = filaments.mean(axis=1)
+        filaments += whole_periods(middle[0] - middle, period_of(fabric.system), fabric.system.tilt)[:, None]
         out.append(TowLine(tow, int(fabric.axis[tow]), bool(closed[members].all()), filaments.mean(axis=0), filaments))
     return out
 

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
-from cgfibre.build.system import FloatArray, IntArray
+from cgfibre.build.system import FilamentSystem, FloatArray, IntArray, whole_periods
 from cgfibre.errors import InputError
 from cgfibre.measure.crossings import Crossings, crossings_of
 from cgfibre.measure.distribution import outline, polygon_area
 from cgfibre.measure.fabric import Fabric, Lines, TowLine, lines_of
-from cgfibre.measure.segments import period_of, segments_of
+from cgfibre.measure.segments import period_of, segments_of, wrapped
 
 #: points along a bead-to-bead segment of a filament that lies in the plane of a cut
 FINE = 8
@@ -65,19 +65,85 @@ class Cut:
     ellipses: Ellipses
     bands: tuple[Band, ...]
 
+    def from_edge(self, low: float) -> Cut:
+        """The same, moved along the plane so that the window begins at ``low`` um."""
+        shift = np.array([low - self.window[0], 0.0])
+        return replace(
+            self,
+            window=(low, self.window[1] + float(shift[0])),
+            ellipses=replace(self.ellipses, centres=self.ellipses.centres + shift),
+            bands=tuple(replace(band, line=band.line + shift) for band in self.bands),
+        )
+
+
+@dataclass(frozen=True)
+class PlaneFrame:
+    """The axes of planes in which the weft runs (``axis`` 0, their normal) or the warp (1): x and y turned by ``angle``
+    rad about z, so that these tows run along the other axis also where the weft is sheared.
+
+    What repeats, um (0: nothing): ``along`` the planes; ``normal`` to them, where it is moved by ``skew`` along them.
+    """
+
+    axis: int
+    angle: float
+    along: float
+    normal: float
+    skew: float
+
+    def of(self, points: FloatArray) -> FloatArray:
+        """(..., 3) points or vectors on these axes, um."""
+        return self._turned(points, self.angle)
+
+    def back(self, points: FloatArray) -> FloatArray:
+        """(..., 3) points on these axes as x, y, z, um."""
+        return self._turned(points, -self.angle)
+
+    @staticmethod
+    def _turned(points: FloatArray, angle: float) -> FloatArray:
+        if angle == 0:
+            return points
+        c, s = np.cos(angle), np.sin(angle)
+        out = np.array(points, dtype=float)
+        out[..., 0], out[..., 1] = c * points[..., 0] - s * points[..., 1], s * points[..., 0] + c * points[..., 1]
+        return out
+
+
+def plane_frame(system: FilamentSystem, axis: int) -> PlaneFrame:
+    """Frame of the planes with the normal ``axis``: x and y themselves, but for those of a weft that is sheared."""
+    x, y = period_of(system)[:2].tolist()
+    if axis == 1 or system.tilt == 0:
+        return PlaneFrame(axis, 0.0, (y, x)[axis], (x, y)[axis], system.tilt if y > 0 and axis == 1 else 0.0)
+    angle = float(np.arctan2(system.tilt, system.box[1, 1] - system.box[1, 0]))
+    return PlaneFrame(axis, angle, y / np.cos(angle), x * np.cos(angle), x * np.sin(angle))
+
+
+def plane_window(system: FilamentSystem, positions: FloatArray, axis: int, at: float) -> tuple[float, float]:
+    """What the plane ``at`` um with the normal ``axis`` shows along itself, um: one period of the cell, or the beads of
+    a patch, from where the plane meets the one edge to where it meets the other."""
+    frame, other = plane_frame(system, axis), 1 - axis
+    if frame.along > 0:
+        low, high = system.box[other].tolist()
+    else:
+        u = system.upright(positions[:, :2])[:, other]
+        low, high = float(u.min()), float(u.max())
+    if axis == 0:
+        low, high = ((x + np.sin(frame.angle) * at) / np.cos(frame.angle) for x in (low, high))
+    elif frame.along == 0:
+        slope = system.tilt / float(np.ptp(system.box[1]))
+        low, high = low + slope * at, high + slope * at
+    return float(low), float(high)
+
 
 def _window(
-    fabric: Fabric, positions: FloatArray, axis: int, window: tuple[float, float] | None
+    fabric: Fabric, positions: FloatArray, axis: int, at: float, window: tuple[float, float] | None
 ) -> tuple[float, float]:
     if window is not None:
         if not window[1] > window[0]:
             raise InputError("window", window, "two rising coordinates, um")
         return window
-    other = 1 - axis
-    if fabric.system.periodic[other]:
-        return float(fabric.system.box[other, 0]), float(fabric.system.box[other, 1])
-    radius = float(fabric.system.diameter.max()) / 2
-    return float(positions[:, other].min()) - radius, float(positions[:, other].max()) + radius
+    low, high = plane_window(fabric.system, positions, axis, at)
+    radius = 0.0 if fabric.system.periodic[1 - axis] else float(fabric.system.diameter.max()) / 2
+    return low - radius, high + radius
 
 
 def _images(low: float, high: float, period: float, window: tuple[float, float]) -> list[float]:
@@ -94,6 +160,7 @@ def cut_fabric(
 ) -> Cut:
     """The fabric cut by the plane x = ``at`` (``axis`` 0) or y = ``at`` (1), um, periodic images included.
 
+    Where the weft is sheared, planes of axis 0 turn with it and ``at`` counts along their normal (:func:`plane_frame`).
     Filaments that run along the axis are cut in ellipses: half axes r and r/|t.n| with t the segment's tangent and n
     the plane's normal, the longer one along t in the plane. Those of the other direction lie in the plane: it cuts them
     in strips of half width sqrt(r^2 - d^2), d the distance of their axis from the plane. ``window`` um along the other
@@ -102,19 +169,20 @@ def cut_fabric(
     if axis not in (0, 1):
         raise InputError("axis", axis, "0 (normal to x, the warp) or 1 (normal to y, the weft)")
     system, other = fabric.system, 1 - axis
-    low, high = span = _window(fabric, positions, axis, window)
-    period = period_of(system)
+    low, high = span = _window(fabric, positions, axis, at, window)
+    frame = plane_frame(system, axis)
     radius = system.diameter / 2
     segments = segments_of(system, positions)
     across = fabric.filament_axis[segments.filament] == axis
-    start, vector, filament = segments.start[across], segments.vector[across], segments.filament[across]
+    start, vector = frame.of(segments.start[across]), frame.of(segments.vector[across])
+    filament = segments.filament[across]
     begin = start[:, axis]
-    if period[axis] > 0:
+    steps = np.zeros(len(begin))
+    if frame.normal > 0:
         # the plane's image at or above the segment's lower end
         lower = np.minimum(begin, begin + vector[:, axis])
-        plane = at + period[axis] * np.ceil((lower - at) / period[axis])
-    else:
-        plane = np.full(len(begin), float(at))
+        steps = np.ceil((lower - at) / frame.normal)
+    plane = at + frame.normal * steps
     run = np.where(vector[:, axis] == 0, 1.0, vector[:, axis])
     share = (plane - begin) / run
     # 0 up to, not including, 1: a bead in the plane belongs to one of its segments
@@ -122,10 +190,10 @@ def cut_fabric(
     centre = start[hit] + share[hit, None] * vector[hit]
     unit = vector[hit] / np.linalg.norm(vector[hit], axis=1)[:, None]
     r = radius[filament[hit]]
-    u = centre[:, other]
+    u = centre[:, other] - frame.skew * steps[hit]
     rows: list[tuple[float, int]] = []
     for k in range(len(hit)):
-        for shift in _images(u[k] - r[k], u[k] + r[k], float(period[other]), span):
+        for shift in _images(u[k] - r[k], u[k] + r[k], frame.along, span):
             rows.append((shift, k))
     shifts, of = np.array([row[0] for row in rows]), np.array([row[1] for row in rows], dtype=np.int64)
     ellipses = Ellipses(
@@ -139,47 +207,48 @@ def cut_fabric(
     bands: list[Band] = []
     lines = lines_of(system, positions)
     for i in np.flatnonzero(fabric.filament_axis == other).tolist():
-        bands += _bands(lines[i], bool(system.closed[i]), axis, at, span, period, radius[i], int(system.tow[i]), i)
+        bands += _bands(frame, frame.of(lines[i]), bool(system.closed[i]), at, span, radius[i], int(system.tow[i]), i)
     return Cut(axis, float(at), (low, high), ellipses, tuple(bands))
 
 
 def _bands(
+    frame: PlaneFrame,
     points: FloatArray,
     closed: bool,
-    axis: int,
     at: float,
     span: tuple[float, float],
-    period: FloatArray,
     radius: float,
     tow: int,
     filament: int,
 ) -> list[Band]:
-    other = 1 - axis
+    axis, other = frame.axis, 1 - frame.axis
     share = np.arange(FINE * (len(points) - 1) + 1) / FINE
     fine = np.stack([np.interp(share, np.arange(len(points)), points[:, k]) for k in range(3)], axis=1)
-    if closed:
-        # one strip over the whole window: images one after the other
-        wide = (span[0] - 2 * radius, span[1] + 2 * radius)
-        shifts = _images(float(fine[:, other].min()), float(fine[:, other].max()), float(period[other]), wide)
-        run = points[-1] - points[0]
-        if run[other] < 0:
-            fine, run = fine[::-1], -run
-        tiled = [fine[:-1] + s / period[other] * run for s in shifts]
-        fine = np.concatenate([*tiled, fine[-1:] + shifts[-1] / period[other] * run]) if shifts else fine[:0]
+    run = points[-1] - points[0]
+    if closed and run[other] < 0:
+        fine, run = fine[::-1], -run
+    wide = (span[0] - 2 * radius, span[1] + 2 * radius)
     found = []
-    low, high = (float(f(fine[:, axis])) for f in (np.min, np.max)) if len(fine) else (np.inf, -np.inf)
-    near = (at - radius, at + radius)
-    for shift in _images(low, high, float(period[axis]), near):
-        d = fine[:, axis] + shift - at
-        inside = (
-            (np.abs(d) < radius) & (fine[:, other] > span[0] - 2 * radius) & (fine[:, other] < span[1] + 2 * radius)
-        )
+    low, high = float(np.min(fine[:, axis])), float(np.max(fine[:, axis]))
+    for shift in _images(low, high, frame.normal, (at - radius, at + radius)):
+        skew = shift / frame.normal * frame.skew if frame.normal > 0 else 0.0
+        line = fine + np.array([0.0, skew, 0.0] if axis == 0 else [skew, 0.0, 0.0])
+        if closed:
+            # one strip over the whole window: images one after the other
+            u = line[:, other]
+            shifts = _images(float(u.min()), float(u.max()), frame.along, wide)
+            if not shifts:
+                continue
+            tiled = [line[:-1] + s / frame.along * run for s in shifts]
+            line = np.concatenate([*tiled, line[-1:] + shifts[-1] / frame.along * run])
+        d = line[:, axis] + shift - at
+        inside = (np.abs(d) < radius) & (line[:, other] > wide[0]) & (line[:, other] < wide[1])
         edge = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
         for first, stop in edge.reshape(-1, 2).tolist():
             if stop - first >= 2:
                 strip = slice(first, stop)
                 half = np.sqrt(radius**2 - d[strip] ** 2)
-                found.append(Band(fine[strip][:, [other, 2]], half, tow, filament))
+                found.append(Band(line[strip][:, [other, 2]], half, tow, filament))
     return found
 
 
@@ -303,7 +372,8 @@ def _given(fabric: Fabric, lines: list[TowLine], crossings: Crossings) -> FloatA
         flat = [_one_layer(line, float(system.diameter[fabric.members[line.tow]].min())) for line in pair]
         if not any(flat):
             continue
-        found = crossings_of(_as_lines(pair[0], fabric), _as_lines(pair[1], fabric), period_of(system))
+        one, other = (_as_lines(line, fabric) for line in pair)
+        found = crossings_of(one, other, period_of(system), system.tilt)
         first, second = fabric.members[int(warp)][found.first], fabric.members[int(weft)][found.second]
         reach = (system.diameter[first] + system.diameter[second]) / 2
         overlap = np.maximum(reach - found.distance, 0.0)
@@ -353,7 +423,7 @@ def tow_image(
     u, z = (limits[k, 0] + (np.arange(size[k]) + 0.5) * pixel for k in (0, 1))
     seen = np.empty((size[1], size[0], 3))
     seen[..., axis], seen[..., 1 - axis], seen[..., 2] = at, u[None, :], z[:, None]
-    tow, distance = _nearest_tow(fabric, positions, seen.reshape(-1, 3))
+    tow, distance = _nearest_tow(fabric, positions, plane_frame(fabric.system, axis).back(seen.reshape(-1, 3)))
     return np.where(distance <= 0, tow, -1).reshape(size[1], size[0])
 
 
@@ -363,7 +433,7 @@ def _nearest_tow(fabric: Fabric, positions: FloatArray, points: FloatArray) -> t
     segments, period = segments_of(system, positions), period_of(system)
     best = np.full(len(points), np.inf)
     tow = np.full(len(points), -1, dtype=np.int64)
-    wrapped = _wrapped(points, system.box[:, 0], period)
+    inside = _in_cell(system, points)
     for kind in np.unique(system.filament_type):
         chosen = np.flatnonzero(system.filament_type[segments.filament] == kind)
         radius = system.types[int(kind)].diameter / 2
@@ -371,27 +441,40 @@ def _nearest_tow(fabric: Fabric, positions: FloatArray, points: FloatArray) -> t
         n = np.maximum(1, np.ceil(length / (radius / 2))).astype(np.int64)
         segment = np.repeat(chosen, n)
         share = (np.arange(len(segment)) - np.repeat(np.cumsum(n) - n, n) + 0.5) / np.repeat(n, n)
-        sample = segments.start[segment] + share[:, None] * segments.vector[segment]
-        sample_in_box = _wrapped(sample, system.box[:, 0], period)
-        tree = cKDTree(sample_in_box, boxsize=period if period.any() else None)
-        _, near = tree.query(wrapped, k=min(3, len(segment)))
-        for k in np.reshape(near, (len(points), -1)).T:
-            shift = np.zeros((len(points), 3))
-            for axis in np.flatnonzero(period > 0):
-                shift[:, axis] = period[axis] * np.round((wrapped[:, axis] - sample_in_box[k, axis]) / period[axis])
-            start = sample_in_box[k] + shift - share[k, None] * segments.vector[segment[k]]
+        sample = _in_cell(system, segments.start[segment] + share[:, None] * segments.vector[segment])
+        count = min(3, len(segment))
+        tree, of = _tree(sample, period, system.tilt)
+        _, near = tree.query(inside, k=count)
+        for k in of[np.reshape(near, (len(points), -1))].T:
+            shift = whole_periods(inside - sample[k], period, system.tilt)
+            start = sample[k] + shift - share[k, None] * segments.vector[segment[k]]
             vector = segments.vector[segment[k]]
-            along = np.clip(np.sum((wrapped - start) * vector, 1) / np.sum(vector * vector, 1), 0, 1)
-            d = np.linalg.norm(start + along[:, None] * vector - wrapped, axis=1) - radius
+            along = np.clip(np.sum((inside - start) * vector, 1) / np.sum(vector * vector, 1), 0, 1)
+            d = np.linalg.norm(start + along[:, None] * vector - inside, axis=1) - radius
             nearer = d < best
             best[nearer], tow[nearer] = d[nearer], system.tow[segments.filament[segment[k][nearer]]]
     return tow, best
 
 
-def _wrapped(points: FloatArray, origin: FloatArray, period: FloatArray) -> FloatArray:
-    out = points.copy()
-    for axis in np.flatnonzero(period > 0):
-        out[:, axis] = np.mod(np.mod(points[:, axis] - origin[axis], period[axis]), period[axis])
+def _tree(points: FloatArray, period: FloatArray, tilt: float) -> tuple[cKDTree, IntArray]:
+    """A tree that finds the nearest of ``points`` (n, 3), put into the cell, and which point each of its own is.
+
+    The images around a tilted cell are points of the tree.
+    """
+    of = np.arange(len(points))
+    if not (tilt and period[1] > 0):
+        return cKDTree(points, boxsize=period if period.any() else None), of
+    steps = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
+    shifts = np.column_stack([steps @ [period[0], tilt], steps[:, 1] * period[1], np.zeros(len(steps))])
+    return cKDTree((points + shifts[:, None]).reshape(-1, 3)), np.tile(of, len(steps))
+
+
+def _in_cell(system: FilamentSystem, points: FloatArray) -> FloatArray:
+    """Points put back into the cell, whose corner is the origin."""
+    period = period_of(system)
+    out = wrapped(points - np.where(period > 0, system.box[:, 0], 0.0), period, system.tilt)
+    if system.tilt and period[1] > 0:
+        out[:, 0] += out[:, 1] * system.tilt / period[1]
     return out
 
 
@@ -421,14 +504,17 @@ def room_between(image: IntArray, pixel: float) -> Room:
 def open_area(fabric: Fabric, positions: FloatArray, pixel: float) -> float:
     """Share of the plane that no filament covers, seen along z: where a straight line passes through the fabric.
 
-    Over the periodic cell, or the rectangle of a patch's centre lines. ``pixel`` um.
+    Over the periodic cell, or the rectangle (sheared with it) of a patch's centre lines. ``pixel`` um.
     """
     system, period = fabric.system, period_of(fabric.system)
     flat = positions.copy()
     flat[:, 2] = 0.0
-    low = np.where(period[:2] > 0, system.box[:2, 0], positions[:, :2].min(axis=0))
-    high = np.where(period[:2] > 0, system.box[:2, 1], positions[:, :2].max(axis=0))
+    upright = system.upright(positions[:, :2])
+    low = np.where(period[:2] > 0, system.box[:2, 0], upright.min(axis=0))
+    high = np.where(period[:2] > 0, system.box[:2, 1], upright.max(axis=0))
     n = np.maximum(1, np.round((high - low) / pixel).astype(int))
     x, y = (low[k] + (np.arange(n[k]) + 0.5) * (high[k] - low[k]) / n[k] for k in (0, 1))
     grid = np.stack([*np.meshgrid(x, y, indexing="ij"), np.zeros((n[0], n[1]))], axis=-1).reshape(-1, 3)
+    if system.tilt:
+        grid[:, 0] += grid[:, 1] * system.tilt / float(np.ptp(system.box[1]))
     return float(np.mean(_nearest_tow(fabric, flat, grid)[1] > 0))

@@ -274,10 +274,7 @@ def stretch(system: FilamentSystem, frames: Frames, softening: float, limit: flo
     built = system.bond_lengths()
     worst = 0.0
     for k, positions in enumerate(frames.positions):
-        size = np.ptp(system.box if frames.box is None else frames.box[k], axis=1)
-        u = positions[bonds[:, 1]] - positions[bonds[:, 0]]
-        for axis in np.flatnonzero(system.periodic):
-            u[:, axis] -= size[axis] * np.round(u[:, axis] / size[axis])
+        u = frames.system_at(system, k).nearest(positions[bonds[:, 1]] - positions[bonds[:, 0]])
         worst = max(worst, float(np.max(np.abs(np.linalg.norm(u, axis=1) / built - 1), initial=0.0)))
     value = worst * (1 - 1 / softening)
     message = f"{name}: {value:.2g} (limit {limit:.2g}), softened {softening:.4g} times; lower model.axial_softening"
@@ -295,11 +292,8 @@ def largest_bend(system: FilamentSystem, frames: Frames, limit: float = 0.5) -> 
         return _not_applicable(name, limit, "there are no angles")
     worst = 0.0
     for frame, positions in enumerate(frames.positions):
-        size = np.ptp(system.box if frames.box is None else frames.box[frame], axis=1)
-        u, v = (positions[angles[:, k + 1]] - positions[angles[:, k]] for k in (0, 1))
-        for axis in np.flatnonzero(system.periodic):
-            for w in (u, v):
-                w[:, axis] -= size[axis] * np.round(w[:, axis] / size[axis])
+        now = frames.system_at(system, frame)
+        u, v = (now.nearest(positions[angles[:, k + 1]] - positions[angles[:, k]]) for k in (0, 1))
         cross = np.linalg.norm(np.cross(u, v), axis=1)
         worst = max(worst, float(np.max(np.arctan2(cross, np.sum(u * v, axis=1)))))
     message = f"{name}: {worst:.2g} rad between neighbours (limit {limit:.2g} rad); press less, or lower model.spacing"
@@ -309,15 +303,19 @@ def largest_bend(system: FilamentSystem, frames: Frames, limit: float = 0.5) -> 
 def quasi_static(curve: Curve, after_um: float, limit: float = 0.05) -> Guard:
     """Largest kinetic energy over the work done so far, from the first sample at a displacement of ``after_um`` on.
 
-    The work is its running maximum, so that unloading does not divide by nothing. A small ratio is needed, not enough:
-    only halving the platen speed shows that the force is quasi-static.
+    The work is its running maximum, so that unloading does not divide by nothing; to it comes that of a cell's edges,
+    whichever way they go. A small ratio is needed, not enough: only halving the platen speed shows that the force is
+    quasi-static.
     """
     name = "quasi-static"
     reached = np.flatnonzero(curve["displacement_um"] >= after_um)
     if not len(reached):
         return _not_applicable(name, limit, f"the platen never reached {after_um:.4g} um")
     kinetic = curve["kinetic_J"][reached[0] :]
-    work = np.maximum.accumulate(curve["work_J"])[reached[0] :]
+    work = np.maximum.accumulate(curve["work_J"])
+    if curve.cell:
+        work = work + np.maximum.accumulate(np.abs(curve.cell["work_cell_J"]))
+    work = work[reached[0] :]
     if not (np.all(np.isfinite(kinetic)) and np.all(np.isfinite(work))):
         return Guard(name, False, float("nan"), limit, f"{name}: energies are not finite")
     moving = kinetic > 0

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cgfibre.build.overlap import segment_distance
-from cgfibre.build.system import FilamentSystem, FloatArray, IntArray
+from cgfibre.build.system import FilamentSystem, FloatArray, IntArray, whole_periods
 from cgfibre.errors import InputError
 from cgfibre.measure.contacts import Contacts
 
@@ -36,20 +36,37 @@ def segments_of(system: FilamentSystem, positions: FloatArray) -> Segments:
     """All segments of the assembly at ``positions`` (n_beads, 3) um."""
     bonds = system.bonds()
     start = positions[bonds[:, 0]]
-    vector = positions[bonds[:, 1]] - start
-    size = system.box[:, 1] - system.box[:, 0]
-    for axis in np.flatnonzero(system.periodic):
-        vector[:, axis] -= size[axis] * np.round(vector[:, axis] / size[axis])
+    vector = system.nearest(positions[bonds[:, 1]] - start)
     return Segments(bonds, start, vector, system.filament_of_bead[bonds[:, 0]])
 
 
+def wrapped(points: FloatArray, period: FloatArray, tilt: float = 0.0) -> FloatArray:
+    """(n, k) points put back into the cell from 0 to ``period`` (k,) um along axes that repeat, k = 2 or 3; of a cell
+    with a ``tilt`` um (see :class:`FilamentSystem`) in its upright image x - y tilt/period."""
+    out = points.copy()
+    if tilt and period[1] > 0:
+        out[:, 0] -= out[:, 1] * tilt / period[1]
+    for axis in np.flatnonzero(period > 0):
+        # the second remainder: a tiny negative value rounds up to the period itself
+        out[:, axis] = np.mod(np.mod(out[:, axis], period[axis]), period[axis])
+    return out
+
+
+def stretched(period: FloatArray, tilt: float) -> float:
+    """How much farther apart two points may be in a cell's upright image than they are: its largest principal
+    stretch."""
+    slope = abs(tilt) / float(period[1]) if tilt and period[1] > 0 else 0.0
+    return (slope + np.sqrt(slope**2 + 4)) / 2 if slope else 1.0
+
+
 def near_pairs(
-    segments: Segments, reach: float, period: FloatArray | None = None
+    segments: Segments, reach: float, period: FloatArray | None = None, tilt: float = 0.0
 ) -> Iterator[tuple[IntArray, IntArray]]:
     """Pairs (a, b) of segments of different filaments that may come within ``reach`` um, some far ones and some twice.
 
     Segments longer than the reach are cut into pieces. ``period`` (3,) um, 0 along an axis that does not repeat: pairs
-    across its boundaries are found too, the second one's image as :func:`image_shift` has it. None: nothing repeats.
+    across its boundaries are found too, the second one's image as :func:`image_shift` has it; ``tilt`` um of the
+    cell. None: nothing repeats.
     """
     length = np.linalg.norm(segments.vector, axis=1)
     # pieces no shorter than the reach; coarser where a full-length filament would give millions
@@ -60,10 +77,8 @@ def near_pairs(
     middle = segments.start[segment] + share[:, None] * segments.vector[segment]
     radius = reach + piece
     if period is not None and np.any(period > 0):
-        for axis in np.flatnonzero(period > 0):
-            # the second remainder: a tiny negative value rounds up to the period itself
-            middle[:, axis] = np.mod(np.mod(middle[:, axis], period[axis]), period[axis])
-        a, b = segment[cKDTree(middle, boxsize=period).query_pairs(radius, output_type="ndarray")].T
+        tree = cKDTree(wrapped(middle, period, tilt), boxsize=period)
+        a, b = segment[tree.query_pairs(radius * stretched(period, tilt), output_type="ndarray")].T
         keep = segments.filament[a] != segments.filament[b]
         yield a[keep], b[keep]
         return
@@ -81,19 +96,16 @@ def near_pairs(
 
 def period_of(system: FilamentSystem) -> FloatArray:
     """(3,) size of the box along periodic axes, 0 along the others, um."""
-    return np.where(system.periodic, system.box[:, 1] - system.box[:, 0], 0.0)
+    return system.period
 
 
-def image_shift(segments: Segments, a: IntArray, b: IntArray, period: FloatArray) -> FloatArray:
+def image_shift(segments: Segments, a: IntArray, b: IntArray, period: FloatArray, tilt: float = 0.0) -> FloatArray:
     """(n, 3) what brings segments ``b`` to their image nearest to ``a`` (between middles), um.
 
     A box narrower than two segments and a diameter has several near images: only this one is seen.
     """
-    shift = np.zeros((len(a), 3))
-    for axis in np.flatnonzero(period > 0):
-        middle = segments.start[:, axis] + segments.vector[:, axis] / 2
-        shift[:, axis] = period[axis] * np.round((middle[a] - middle[b]) / period[axis])
-    return shift
+    middle = segments.start + segments.vector / 2
+    return whole_periods(middle[a] - middle[b], period, tilt)
 
 
 def minimum_axis_distance(system: FilamentSystem, positions: FloatArray, reach: float) -> float:
@@ -111,8 +123,8 @@ def minimum_axis_distance(system: FilamentSystem, positions: FloatArray, reach: 
         return float(np.linalg.norm(d, axis=1).min(initial=np.inf))
     segments, period = segments_of(system, positions), period_of(system)
     best = np.inf
-    for a, b in near_pairs(segments, reach, period):
-        other = segments.start[b] + image_shift(segments, a, b, period)
+    for a, b in near_pairs(segments, reach, period, system.tilt):
+        other = segments.start[b] + image_shift(segments, a, b, period, system.tilt)
         distance = segment_distance(segments.start[a], segments.vector[a], other, segments.vector[b])
         best = min(best, float(distance.min(initial=np.inf)))
     return best if best <= reach else float("inf")
@@ -122,11 +134,12 @@ def minimum_axis_distance(system: FilamentSystem, positions: FloatArray, reach: 
 class Stretches:
     """Stretches in which segments of different filaments touch, all arrays (n,) unless said.
 
-    ``segments`` (n, 2), the filament of the lower number first, and ``filaments`` (n, 2); ``first_beads`` (n, 2) of the
-    segments; ``reach`` um, the sum of the radii. In terms of arc length s um along the first segment: ``low`` and
-    ``high`` limits; squared distance of the point at s from the other's axis = ``reach``^2 + C + 2 Q s + M s^2;
-    ``start`` (n, 3) um and ``unit`` (n, 3) of the first segment; ``foot`` (n, 3) and ``drift`` (n, 3): the vector from
-    the other's axis to the point at s is foot + s drift. M = sin^2 of the angle between the segments.
+    ``segments`` (n, 2), the filament of the lower number first unless asked the other way, and ``filaments`` (n, 2);
+    ``first_beads`` (n, 2) of the segments; ``reach`` um, the sum of the radii. In terms of arc length s um along the
+    first segment: ``low`` and ``high`` limits; squared distance of the point at s from the other's axis = ``reach``^2 +
+    C + 2 Q s + M s^2; ``start`` (n, 3) um and ``unit`` (n, 3) of the first segment; ``foot`` (n, 3) and ``drift``
+    (n, 3): the vector from the other's axis to the point at s is foot + s drift. M = sin^2 of the angle between the
+    segments.
     """
 
     segments: IntArray
@@ -156,12 +169,14 @@ class Stretches:
         return np.asarray(self.reach - np.sqrt(np.maximum(square, 0.0)))
 
 
-def touching_stretches(system: FilamentSystem, positions: FloatArray, touching: np.ndarray | None = None) -> Stretches:
+def touching_stretches(
+    system: FilamentSystem, positions: FloatArray, touching: np.ndarray | None = None, higher_first: bool = False
+) -> Stretches:
     """Stretches in which segments of different filaments touch, as ``pair_style capsule`` finds them.
 
     Every point of the filament of the lower number belongs to the segment of the other between whose end planes it
-    lies. ``touching`` (n_beads,) bool: a segment takes part if both its beads do. Periodic images count. Raises
-    InputError for non-finite positions.
+    lies; of the higher one, if ``higher_first``. ``touching`` (n_beads,) bool: a segment takes part if both its beads
+    do. Periodic images count. Raises InputError for non-finite positions.
     """
     if not np.all(np.isfinite(positions)):
         raise InputError("positions", int(np.sum(~np.isfinite(positions))), "finite values only")
@@ -175,12 +190,12 @@ def touching_stretches(system: FilamentSystem, positions: FloatArray, touching: 
         takes_part = touching[s.bonds[:, 0]] & touching[s.bonds[:, 1]]
     ahead = positions[s.bonds[:, 1]] - positions[s.bonds[:, 0]]
     found: list[tuple[np.ndarray, ...]] = []
-    for one, other in near_pairs(s, 2 * float(radius.max(initial=0.0)), period):
+    for one, other in near_pairs(s, 2 * float(radius.max(initial=0.0)), period, system.tilt):
         keep = takes_part[one] & takes_part[other]
         pairs = np.sort(np.column_stack([one[keep], other[keep]]), axis=1)
-        pairs = np.unique(pairs, axis=0)
+        pairs = np.unique(pairs, axis=0)[:, :: -1 if higher_first else 1]
         a, b = pairs[:, 0], pairs[:, 1]
-        shift = image_shift(s, a, b, period)
+        shift = image_shift(s, a, b, period, system.tilt)
         w = s.start[a] - (s.start[b] + shift)
         t, v = unit[a], unit[b]
         cosine, along = np.sum(t * v, 1), np.sum(w * v, 1)

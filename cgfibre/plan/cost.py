@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cgfibre.plan.model import Motion, Sampling
+from cgfibre.plan.model import Motion, Ribbon, Sampling, Woven
 
 
 @dataclass(frozen=True)
@@ -20,15 +20,36 @@ class Cost:
 COSTS = {
     "chain": Cost(step=7e-6, bead=6.2e-8, block=1e-4),
     "rod": Cost(step=7e-6, bead=2.8e-7, block=1e-4),
-    "chain, capsules": Cost(step=7e-6, bead=2.2e-7, block=1e-4),
-    "rod, capsules": Cost(step=7e-6, bead=6e-7, block=1e-4),
+    "chain, capsules": Cost(step=7e-6, bead=1.1e-7, block=1e-4),
+    "rod, capsules": Cost(step=7e-6, bead=5e-7, block=1e-4),
     "section": Cost(step=3.5e-6, bead=9e-8, block=1e-4),
     "subbundle": Cost(step=6e-6, bead=3e-7, block=1e-4),
 }
+PLANE = 5e-5  # seconds a step while a weave is loaded in its plane: variables of the deck
 START = 0.3  # seconds to start the engine and read the assembly
 
 
-def predicted_seconds(level: str, n_beads: int, motion: Motion, sampling: Sampling) -> float:
-    """Engine seconds on one core; a stop by force or pressure comes earlier."""
+#: more a bead and step where chains are joined by rungs and twist, and where they have turns in their plane too
+RUNGS, TURNS = 3e-8, 4e-8
+
+
+def joint_cost(ribbon: Ribbon | None) -> float:
+    """Seconds a bead and step of what joins the chains of flat tows."""
+    return 0.0 if ribbon is None else RUNGS + (TURNS if any(ribbon.reach) else 0.0)
+
+
+def predicted_seconds(
+    level: str, n_beads: int, motion: Motion, sampling: Sampling, joints: float = 0.0, woven: Woven | None = None
+) -> float:
+    """Engine seconds on one core, with those that the platens wait; a stop by force or pressure comes earlier.
+
+    ``joints``: see :func:`joint_cost`.
+    """
     cost = COSTS[level]
-    return START + (cost.step + cost.bead * n_beads + cost.block / sampling.block) * motion.planned_steps
+    steps, before = motion.planned_steps, woven.steps_before if woven else 0
+    each = cost.step + (cost.bead + joints) * n_beads + cost.block / sampling.block
+    found = START + each * (steps + before)
+    if woven is not None and woven.moved:
+        stays = woven.when == "before" and woven.tension == (None, None)
+        found += PLANE * (before if stays else steps + before)
+    return found

@@ -14,7 +14,8 @@ from cgfibre.plan.outline import Outline, outline
 from cgfibre.plan.section import plan_section
 from cgfibre.plan.subbundle import plan_subbundle
 from cgfibre.plan.weave import plan_weave
-from cgfibre.scene import Scene, scene_from_dict
+from cgfibre.scene import Scene
+from cgfibre.scene_reading import scene_from_dict
 
 PLANNERS: dict[str, Callable[[Scene, Outline, str, list[Choice]], Plan]] = {
     "chain": plan_filaments,
@@ -60,18 +61,16 @@ def other_shape(scene: Scene, planned: str, level: str) -> InputError | None:
 
 
 def other_levels(scene: Scene, plan: Plan) -> dict[str, Plan | InputError]:
-    """What the scene would be at every other level: its plan, or why it cannot be. Of a weave: with its tows, or with
-    all their filaments."""
+    """What the scene would be at every other level: its plan, or why it cannot be. Of a weave: as rods or chains, with
+    its tows or with all their filaments."""
     found: dict[str, Plan | InputError] = {}
     if plan.woven is not None:
-        other = "filament" if plan.woven.resolve == "tow" else "tow"
-        asked = scene.model_dump(exclude_none=True)
-        asked["model"] |= {"resolve": other, "spacing": "auto"}
-        asked["contact"] = {k: v for k, v in asked["contact"].items() if k not in ("law", "stiffness", "rise", "table")}
-        try:
-            found[other] = make_plan(scene_from_dict(asked))
-        except InputError as error:
-            found[other] = error
+        level = "rod" if plan.level == "chain" else "chain"
+        found[level] = _planned(scene, {"resolve": plan.woven.resolve, "level": level})
+        resolve = "filament" if plan.woven.resolve == "tow" else "tow"
+        found[resolve] = _planned(
+            scene, {"resolve": resolve, "spacing": "auto"}, without=("law", "stiffness", "rise", "table")
+        )
         return found
     for level in PLANNERS:
         if level == plan.level:
@@ -80,10 +79,16 @@ def other_levels(scene: Scene, plan: Plan) -> dict[str, Plan | InputError]:
         if refused is not None:
             found[level] = refused
             continue
-        asked = scene.model_dump(exclude_none=True)
-        asked["model"]["level"] = level
-        try:
-            found[level] = make_plan(scene_from_dict(asked))
-        except InputError as error:
-            found[level] = error
+        found[level] = _planned(scene, {"level": level})
     return found
+
+
+def _planned(scene: Scene, model: dict[str, str], without: tuple[str, ...] = ()) -> Plan | InputError:
+    """Plan of the scene with these keys of ``[model]``, ``without`` some of ``[contact]``; or why there is none."""
+    asked = scene.model_dump(exclude_none=True)
+    asked["model"] |= model
+    asked["contact"] = {key: value for key, value in asked["contact"].items() if key not in without}
+    try:
+        return make_plan(scene_from_dict(asked))
+    except InputError as error:
+        return error

@@ -82,10 +82,11 @@ class Woven:
     """A weave: what is ``resolve``d (tow or filament), the ``size`` (x, y) um of the cell or patch, the ``volume`` of
     fibres um3, whether it is ``periodic``, whether its tows are free of stress as built (``at_rest``).
 
-    In the plane, over ``preparation`` steps before the platens move: ``strain`` (x, y),
-    ``tension`` (x, y) nN on the whole cell (None: held there), ``shear`` rad. A free edge finds its place in
-    ``edge_time`` us against an ``edge_stiffness`` (x, y) nN a strain. ``skin`` um: how far beads go before neighbours
-    are found anew; ``end_stiffness`` nN/um of a patch's ends; ``asked_spacing`` um that the builder was given.
+    In the plane: ``strain`` (x, y), ``tension`` (x, y) nN on the whole cell (None: held there), ``shear`` rad;
+    ``when``: "before" the platens move or "after" they have, over ``preparation`` steps, or "during" the first loading,
+    in proportion to its first ``over`` um. A free edge meets a drag of ``edge_drag`` (x, y) nN us a strain.
+    ``tows`` (warp, weft) of the cell. ``skin`` um: how far beads go before neighbours are found anew;
+    ``end_stiffness`` nN/um of a patch's ends; ``asked_spacing`` um that the builder was given.
     """
 
     resolve: str
@@ -96,9 +97,11 @@ class Woven:
     strain: tuple[float, float] = (0.0, 0.0)
     tension: tuple[float | None, float | None] = (None, None)
     shear: float = 0.0
+    when: str = "before"
+    over: float = 0.0
     preparation: int = 0
-    edge_time: float = 0.0
-    edge_stiffness: tuple[float, float] = (0.0, 0.0)
+    edge_drag: tuple[float, float] = (0.0, 0.0)
+    tows: tuple[int, int] = (1, 1)
     skin: float = 1.0
     end_stiffness: float = 0.0
     asked_spacing: float = 0.0
@@ -107,6 +110,23 @@ class Woven:
     def moved(self) -> bool:
         """Whether anything happens in the plane."""
         return self.strain != (0.0, 0.0) or self.tension != (None, None) or self.shear != 0.0
+
+    @property
+    def steps_before(self) -> int:
+        """Steps that the platens wait for what happens in the plane, a quarter of them for it to come to rest."""
+        return math.ceil(1.25 * self.preparation) if self.when == "before" else 0
+
+
+@dataclass(frozen=True)
+class Ribbon:
+    """What joins the chains of flat tows, a value each kind of filament (warp, weft): ``across`` nN/um, their modulus
+    across times their thickness; ``bending`` nN um2, EI in the ribbon's plane above that out of it, of the whole tow;
+    ``twist`` nN um2, its GJ; ``reach``, segments in each chord over which turns in the plane are taken (0: none)."""
+
+    across: tuple[float, ...]
+    bending: tuple[float, ...]
+    twist: tuple[float, ...]
+    reach: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -118,7 +138,8 @@ class Contact:
     secant at the design load and ``modulus`` kPa the E* of the line contact, softened. ``line_stiffness`` kPa is the
     real secant stiffness per length that ``softening`` divides. ``kinetic`` friction of what slips (None: as
     ``friction``); ``by_angle`` ((angle rad, mu), ...) in the place of ``friction``. Law table: ``pair`` and ``platen``
-    are its rows (overlap um, force per length nN/um, the same on the way back or None).
+    are its rows (overlap um, force per length nN/um, the same on the way back or None). ``both_sides``: the force is
+    the mean of what either segment of a pair sees, so that neither of two tows is the one pressed at a point.
     """
 
     law: str
@@ -134,6 +155,7 @@ class Contact:
     by_angle: tuple[tuple[float, float], ...] | None = None
     pair: tuple[LawRow, ...] = ()
     platen: tuple[LawRow, ...] = ()
+    both_sides: bool = False
 
     @property
     def per_length(self) -> bool:
@@ -280,9 +302,9 @@ class Plan:
     ``depth`` um is the length a section stands for (0 for the other levels); ``springs`` (nN/um, nN um/rad) its
     springs, for small deflections and turns; ``spring_law`` their law for large ones, where it is wanted;
     ``disc_fixes``: "plugin" or "engine", whose fixes hold them; ``stiffen``: their contacts may become so many times
-    stiffer; ``discs`` what discs that stand for many filaments are (None: each is a filament); ``free_span`` um the
-    length that bends beside a finite platen; ``timestep`` us; ``drag`` nN us/um and ``turning_drag`` nN um us of the
-    background on a contact bead.
+    stiffer; ``discs`` what discs that stand for many filaments are (None: each is a filament); ``ribbon`` what joins
+    the chains of flat tows (None: nothing); ``free_span`` um the length that bends beside a finite platen; ``timestep``
+    us; ``drag`` nN us/um and ``turning_drag`` nN um us of the background on a contact bead.
     """
 
     level: str
@@ -315,6 +337,7 @@ class Plan:
     disc_fixes: str = "engine"
     stiffen: float = 1.0
     discs: Discs | None = None
+    ribbon: Ribbon | None = None
 
     @property
     def flat(self) -> bool:

@@ -286,8 +286,9 @@ def plan_motion(
     return motion, sampling, choices
 
 
-def in_steps(scene: Scene, motion: Motion, timestep: float) -> tuple[Motion, Sampling]:
-    """A motion whose speeds are known, with the steps of its phases, and its sampling.
+def in_steps(scene: Scene, motion: Motion, timestep: float, held: int = 0) -> tuple[Motion, Sampling]:
+    """A motion whose speeds are known, with the steps of its phases, and its sampling; ``held`` steps stand before
+    those of platens.hold.
 
     A little slower than asked, so that the last whole window of the first loading ends at its planned displacement
     itself (those of later loadings: the deck).
@@ -298,7 +299,7 @@ def in_steps(scene: Scene, motion: Motion, timestep: float) -> tuple[Motion, Sam
         return film_time(motion.first, motion.last, motion.growth, displacement) / timestep
 
     total, whole = steps(motion.targets[0].displacement), steps(motion.planned_displacement)
-    every = max(1, round((total + (phases - 1) * whole) / scene.output.samples / READINGS))
+    every = max(1, round((total + (phases - 1) * whole + held) / scene.output.samples / READINGS))
     sample = every * READINGS
     load_steps = max(sample, math.ceil(total / sample) * sample)
     slower = total / load_steps
@@ -307,7 +308,7 @@ def in_steps(scene: Scene, motion: Motion, timestep: float) -> tuple[Motion, Sam
         first=motion.first * slower,
         last=motion.last * slower,
         load_steps=load_steps,
-        hold_steps=math.ceil(scene.platens.hold / timestep / sample) * sample,
+        hold_steps=math.ceil((scene.platens.hold / timestep + held) / sample) * sample,
     )
     planned = motion.planned_steps
     frame = max(1, round(planned / scene.output.frames / sample)) * sample

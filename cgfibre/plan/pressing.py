@@ -16,6 +16,9 @@ from cgfibre.scene import Scene
 REFERENCE_LOAD = 0.1
 #: the accuracy over which the platen's bound is taken, over that asked for
 GAIN = 1.0
+#: periods of the fabric over which it is strained, sheared or pulled in its plane: while the platens stand, and the
+#: least while they go
+PREPARATION, ALONGSIDE = 30.0, 10.0
 
 
 class Estimate(Protocol):
@@ -40,6 +43,25 @@ class Stops:
     earlier: tuple[float, ...] = ()
 
 
+def way_in_plane(scene: Scene, stops: Stops) -> float:
+    """Way of the platen over which the fabric is loaded in its plane (cell.when = "during"), um.
+
+    "auto": of the first loading's planned way all where it stops by place, a third where it stops by load: such ways
+    are planned longer than needed.
+    """
+    if scene.in_plane.over != "auto":
+        return float(scene.in_plane.over)
+    first = scene.platens.cycles[0] if scene.platens.cycles else scene.platens.stop
+    depth = stops.earlier[0] if stops.earlier else stops.depth
+    return depth if first.kind in ("displacement", "thickness") else depth / 3
+
+
+def preparation_steps(scene: Scene, period: float, timestep: float) -> int:
+    """Steps of loading in the plane while the platens stand; ``period`` us of the fabric, ``timestep`` us."""
+    cell = scene.in_plane
+    return 0 if cell.at_rest or cell.when == "during" else math.ceil(PREPARATION * period / timestep)
+
+
 def plan_pressing(
     scene: Scene, estimate: Estimate, mass: float, timestep: float, stops: Stops
 ) -> tuple[Motion, Sampling, list[Choice]]:
@@ -48,10 +70,13 @@ def plan_pressing(
     depth, load = stops.depth, stops.load
     eps = GAIN * scene.model.accuracy
     reference = estimate.displacement(REFERENCE_LOAD * load)
-    d = np.linspace(min(reference, depth / 2), depth, 60)
+    d = np.linspace(reference if reference < 0.9 * depth else depth / 2, depth, 60)
     force = np.array([estimate.force(float(x)) for x in d])
     stiffness = np.array([estimate.stiffness(f) for f in force])
     bound = eps * force / np.sqrt(stiffness * mass)
+    cell = scene.in_plane
+    during = cell.when == "during" and not cell.at_rest
+    period = 2 * math.pi * math.sqrt(mass / estimate.stiffness(REFERENCE_LOAD * load))
     first = float(bound[0]) / 2
     rise = np.minimum.accumulate(bound[::-1])[::-1] / first - 1
     growth = float(np.max(d / np.clip(rise, 1e-3, SPEED_RATIO - 1)))
@@ -66,6 +91,11 @@ def plan_pressing(
             if faster > 1:
                 first, last = first * faster, last * faster
                 reason += f"; raised {faster:.3g} times to end within {most:.2g} steps"
+        if during:
+            way = way_in_plane(scene, stops)
+            slower = max(1.0, ALONGSIDE * period / film_time(first, last, growth, way))
+            first, last = first / slower, last / slower
+            reason += f"; {ALONGSIDE:g} periods of the fabric at least for its loading in the plane"
         choices.append(Choice("platen speed", f"{first:.3g} to {last:.3g} m/s", reason))
     else:
         first = last = float(scene.platens.speed)
@@ -101,6 +131,7 @@ def plan_pressing(
         fastest=math.inf,
         cycles=cycles,
     )
-    motion, sampling = in_steps(scene, motion, timestep)
+    held = preparation_steps(scene, period, timestep) if cell.when == "after" else 0
+    motion, sampling = in_steps(scene, motion, timestep, held)
     pace = mean_pace((motion.first, motion.last, growth), allowed, d)
     return replace(motion, pace=pace), sampling, choices

@@ -13,6 +13,7 @@ from cgfibre.build.texgen import textile_from_xml
 from cgfibre.build.tow_path import TowPath
 from cgfibre.build.weave import TowShape, WeaveSpec, filament_system, ribbon_system, tow_system, weave_paths
 from cgfibre.errors import InputError
+from cgfibre.mechanics.ribbon import torsion_constant
 from cgfibre.plan.outline import scene_filament
 from cgfibre.scene import Scene
 from cgfibre.scene_assembly import Tow, Weave
@@ -25,12 +26,14 @@ FLAT, MOST_RIBBONS, RIBBON_ASPECT = 5.0, 5, 2.0
 @dataclass(frozen=True)
 class TowModel:
     """A tow as modelled: ``shape``, constants of the whole tow (``whole``, its diameter the thickness), ``chains`` that
-    share them, area of ``fibres`` um2 in its section, ``modulus`` kPa (EA over that area)."""
+    share them, area of ``fibres`` um2 in its section, ``EI_in_plane`` nN um2 (that of ``whole`` is out of the tow's
+    plane), ``modulus`` kPa (EA over the fibres' area)."""
 
     shape: TowShape
     whole: FilamentType
     chains: int
     fibres: float
+    EI_in_plane: float
 
     @property
     def modulus(self) -> float:
@@ -51,19 +54,26 @@ def second_moments(shape: TowShape) -> tuple[float, float]:
     return float(np.trapezoid(2 / 3 * h**3, y)), float(np.trapezoid(2 * h * y**2, y))
 
 
-def tow_model(scene: Scene, tow: Tow) -> TowModel:
-    """Constants of a tow: so many filaments that slide past each other, or a solid of its modulus; overrides win."""
+def tow_model(scene: Scene, tow: Tow, key: str = "assembly.tow") -> TowModel:
+    """Constants of a tow: so many filaments that slide past each other, or a solid of its modulus; overrides win.
+
+    EI in the tow's plane: that of the solid's section, or of the filaments, which is the same about both axes; a tow of
+    given EI is no solid, nor is its EI_in_plane more than that where it is not given. InputError names ``key`` where
+    EI_in_plane is below EI, or given of a tow that is one chain.
+    """
     shape = TowShape(tow.section, tow.width, tow.thickness)
     f = scene_filament(scene)
     n = tow.filaments
     out, across = second_moments(shape)
     area = shape.area if n is None else n * math.pi * f.diameter**2 / 4
     if tow.modulus is not None:
-        EA, EI, GJ = tow.modulus * shape.area, tow.modulus * out, scene.filament.G12 * (out + across)
+        EA, EI, in_plane = tow.modulus * shape.area, tow.modulus * out, tow.modulus * across
+        GJ = scene.filament.G12 * float(torsion_constant(out, across))
         kGA = 0.9 * scene.filament.G12 * shape.area
     else:
         count = n or 1
         EA, EI, GJ, kGA = count * f.EA, count * f.EI, count * f.GJ, count * f.kGA
+        in_plane = EI
     whole = FilamentType(
         diameter=tow.thickness,
         EA=tow.EA or EA,
@@ -76,12 +86,20 @@ def tow_model(scene: Scene, tow: Tow) -> TowModel:
     if chains == "auto":
         aspect = tow.width / tow.thickness
         chains = 1 if aspect < FLAT else min(MOST_RIBBONS, math.ceil(aspect / RIBBON_ASPECT))
-    return TowModel(shape, whole, int(chains), area)
+    given = tow.EI_in_plane
+    if tow.EI is not None:
+        in_plane = tow.EI
+    if given is not None and (given < whole.EI * (1 - 1e-9) or (chains == 1 and given > whole.EI * (1 + 1e-9))):
+        expected = f"at least EI, {whole.EI * 1e-15:.4g} N*mm**2: a flat tow is stiffer in its plane"
+        if chains == 1:
+            expected = f"EI, {whole.EI * 1e-15:.4g} N*mm**2: one chain bends alike both ways (or ribbons = 2 or more)"
+        raise InputError(f"{key}.EI_in_plane", f"{given * 1e-15:.4g} N*mm**2", expected)
+    return TowModel(shape, whole, int(chains), area, given or in_plane)
 
 
 def tow_models(scene: Scene) -> tuple[TowModel, TowModel]:
     """Warp and weft."""
-    return tow_model(scene, scene.weave.tow), tow_model(scene, scene.weave.weft)
+    return tow_model(scene, scene.weave.tow), tow_model(scene, scene.weave.weft, "assembly.weft")
 
 
 def weave_spec(weave: Weave) -> WeaveSpec:

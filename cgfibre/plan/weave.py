@@ -12,8 +12,9 @@ from cgfibre.scene import Scene
 def plan_weave(scene: Scene) -> Plan:
     """Plan of a weave; InputError names what in the scene cannot be modelled."""
     resolve = choose_resolution(scene)
-    if resolve.value == "tow" and scene.contact.shape == "beads":
-        expected = "'auto' or 'capsule' for tows: soft laws need the plugin (cgfibre plugin status)"
+    if scene.contact.shape == "beads" and (resolve.value == "tow" or scene.model.level == "rod"):
+        why = "tows: soft laws need" if resolve.value == "tow" else "rods of a weave: what they store is told by"
+        expected = f"'auto' or 'capsule' for {why} the plugin (cgfibre plugin status)"
         raise InputError("contact.shape", "beads", expected)
     return (plan_tows if resolve.value == "tow" else plan_woven_filaments)(scene, [resolve])
 
@@ -28,6 +29,6 @@ def choose_resolution(scene: Scene) -> Choice:
     return Choice(
         "resolved",
         "tow",
-        "each tow a chain with its rigidities and a soft law across; what it does inside is not asked for "
+        "each tow a chain or rod with its rigidities and a soft law across; what it does inside is not asked for "
         "(model.resolve = 'filament' has all filaments)",
     )

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cgfibre.build.system import FilamentSystem, FloatArray
+from cgfibre.build.weave_spec import WeaveSpec, transition
 from cgfibre.errors import InputError
-from cgfibre.mechanics import rod
+from cgfibre.mechanics import rod, trellis
 from cgfibre.plan.contact import TANGENTIAL_DAMPING, TANGENTIAL_RATIO
 from cgfibre.plan.model import CONTACT, LEFT, RIGHT, ROD_DAMPING, Beads, Choice, Woven
-from cgfibre.plan.pressing import Estimate, Stops
+from cgfibre.plan.pressing import Estimate, Stops, preparation_steps, way_in_plane
+from cgfibre.plan.tows import weave_spec
 from cgfibre.scene import Scene, Stop
 
 #: displacement planned for a stop by load, over that of the static estimate
@@ -23,8 +25,8 @@ DEEPEST = 0.75
 SKIN = 0.05
 #: stiffness of a patch's ends over that of a segment's stretching
 END_SHARE = 0.05
-#: periods of the fabric over which it is strained, and of which a free edge takes some three to find its place
-PREPARATION, EDGE_PERIODS = 30.0, 1.0
+#: periods of the fabric in which a free edge finds its place
+EDGE_PERIODS = 0.05
 #: stiffness of crimped tows in the plane over their EA, roughly
 CRIMPED = 0.3
 #: part of a diameter that the end of a tow may be off the middle of the fabric and still be a crossing-over
@@ -34,21 +36,28 @@ MIDDLE = 0.1
 @dataclass(frozen=True)
 class Touching:
     """Stiffness (kPa) and damping (nN us/um2) that contacts add to a bead, per length: of ``pairs`` at once, which
-    move too, and of one platen."""
+    move too, and of one platen; ``both_sides`` as :class:`Contact`."""
 
     pairs: int
     pair: float
     platen: float
     pair_damping: float
     platen_damping: float
+    both_sides: bool = False
 
 
 def chain_beads(
-    system: FilamentSystem, touching: Touching, softening: float, level: str = "chain"
+    system: FilamentSystem,
+    touching: Touching,
+    softening: float,
+    level: str = "chain",
+    joints: FloatArray | float = 0.0,
 ) -> tuple[Beads, float]:
-    """(beads, limiting time step us): real masses; bounds of stretching, bending and contacts with their damping.
+    """(beads, limiting time step us): real masses; bounds of stretching, bending, contacts with their damping, and what
+    ``joints`` to other chains add to every bead, nN/um.
 
-    Friction on a segment's side moves its ends by 1 +- 2 R/s: (1 + 4 (R/s)^2) times the stiffness along it.
+    Friction on a segment's side moves its ends by 1 +- 2 R/s: (1 + 4 (R/s)^2) times the stiffness along it. Seen from
+    both sides half of it acts at 2 R, half at the axis: (1 + 8 (R/s)^2) times.
     """
     lengths, first = system.bond_lengths(), 0
     hinge, bound, place = (np.zeros(system.n_beads) for _ in range(3))
@@ -77,7 +86,8 @@ def chain_beads(
     share = system.tributary_lengths()
     kind_of = system.filament_type[system.filament_of_bead]
     mass = np.array([t.mass_per_length for t in system.types])[kind_of] * share
-    lever = 1 + 4 * (system.diameter[system.filament_of_bead] / 2 / float(np.median(lengths))) ** 2
+    slender = system.diameter[system.filament_of_bead] / 2 / float(np.median(lengths))
+    lever = 1 + (8 if touching.both_sides else 4) * slender**2
     inertia = rod.SPHERE_INERTIA if level == "rod" else np.inf
     along = np.maximum(1.0, TANGENTIAL_RATIO * (lever if level == "chain" else 1 + 0.25 / inertia))
     stiffness = share * (2 * touching.pairs * touching.pair + touching.platen) * along
@@ -85,7 +95,7 @@ def chain_beads(
     damping = share * (2 * touching.pairs * touching.pair_damping + touching.platen_damping) * sliding
     if level == "rod":
         damping = damping + 2 * ROD_DAMPING * np.sqrt(bound * mass)
-    limit = float(rod.limiting_time_step(bound + stiffness, mass, damping))
+    limit = float(rod.limiting_time_step(bound + joints + stiffness, mass, damping))
     closed_all = bool(np.all(system.closed))
     beads = Beads(
         stations=place,
@@ -146,10 +156,17 @@ def rest_choice(scene: Scene, level: str) -> Choice:
     return Choice("rest shape", "as built", f"{how}: no stress at rest")
 
 
-def woven_plan(
-    scene: Scene, resolve: str, system: FilamentSystem, volume: float, spacing: float, period: float
-) -> Woven:
-    """The weave's part of a plan; ``spacing`` is what the builder was given, ``period`` steps in one of the fabric."""
+@dataclass(frozen=True)
+class Pace:
+    """What loading in the plane goes by: a ``period`` of the fabric us, the ``timestep`` us, the planned ``stops``."""
+
+    period: float
+    timestep: float
+    stops: Stops
+
+
+def woven_plan(scene: Scene, resolve: str, system: FilamentSystem, volume: float, spacing: float, pace: Pace) -> Woven:
+    """The weave's part of a plan; ``spacing`` is what the builder was given."""
     w, cell, longest = scene.weave, scene.in_plane, float(np.max(system.bond_lengths()))
     pulls = (cell.tension.warp * w.tows.warp, cell.tension.weft * w.tows.weft)
     free = [
@@ -157,7 +174,8 @@ def woven_plan(
         for strain, pull in zip((cell.strain.x, cell.strain.y), pulls, strict=True)
     ]
     EA = [
-        float(np.sum([t.EA for t in np.array(system.types)[system.filament_type[_runs(system) == k]]])) for k in (0, 1)
+        float(np.sum([t.EA for t in np.array(system.types)[system.filament_type[runs_along(system) == k]]]))
+        for k in (0, 1)
     ]
     return Woven(
         resolve,
@@ -171,20 +189,22 @@ def woven_plan(
         strain=(cell.strain.x, cell.strain.y),
         tension=(pulls[0] if free[0] else None, pulls[1] if free[1] else None),
         shear=cell.shear,
-        preparation=math.ceil(PREPARATION * period) if not cell.at_rest else 0,
-        edge_time=EDGE_PERIODS * period,
-        edge_stiffness=(CRIMPED * EA[0], CRIMPED * EA[1]),
+        when=cell.when,
+        over=way_in_plane(scene, pace.stops) if cell.when == "during" else 0.0,
+        preparation=preparation_steps(scene, pace.period, pace.timestep),
+        edge_drag=(CRIMPED * EA[0] * EDGE_PERIODS * pace.period, CRIMPED * EA[1] * EDGE_PERIODS * pace.period),
+        tows=(w.tows.warp, w.tows.weft),
     )
 
 
-def _runs(system: FilamentSystem) -> np.ndarray:
+def runs_along(system: FilamentSystem) -> np.ndarray:
     """(n_filaments,) 0 for filaments along x, 1 for those along y."""
     run = system.positions[system.last_beads] - system.positions[system.first_beads]
     return np.asarray(np.argmax(np.abs(run[:, :2]), axis=1))
 
 
-def cell_choices(scene: Scene) -> list[Choice]:
-    """What happens in the plane."""
+def cell_choices(scene: Scene, woven: Woven) -> list[Choice]:
+    """What happens in the plane, and when."""
     c = scene.in_plane
     if c.at_rest:
         return [Choice("in the plane", "held", "the fabric can neither spread nor shrink, as between mirrors")]
@@ -193,8 +213,32 @@ def cell_choices(scene: Scene) -> list[Choice]:
     if (c.tension.warp, c.tension.weft) != (0, 0):
         parts.append(f"{c.tension.warp * 1e-9:.3g} N a warp tow, {c.tension.weft * 1e-9:.3g} N a weft tow")
     parts += ["free edges"] if c.edges == "free" else []
-    return [
-        Choice(
-            "in the plane", ", ".join(parts), "before the platens move, which stand at the fabric as built meanwhile"
-        )
-    ]
+    steps = f"over {woven.preparation} steps"
+    when = {
+        "before": f"{steps} before the platens move, which stand at the fabric as built meanwhile",
+        "during": f"in proportion to the first {woven.over:.4g} um of the platen's first loading, then held",
+        "after": f"{steps} behind the last loading, the platens held",
+    }
+    choices = [Choice("in the plane", ", ".join(parts), when[c.when])]
+    return choices + ([_sheared(scene)] if c.shear else [])
+
+
+def _sheared(scene: Scene) -> Choice:
+    """Where a trellis of these tows ends, and what its resistance leaves out."""
+    w, shear = scene.weave, scene.in_plane.shear
+    pairs = ((w.tow.width, w.spacing.warp), (w.weft.width, w.spacing.weft))
+    lock = min(trellis.locking_angle(width, spacing) for width, spacing in pairs)
+    parts = [f"lie side by side at {math.degrees(lock):.3g} deg"]
+    spec = weave_spec(w)
+    if w.tow.section == w.weft.section == "circular" and w.texgen is None and on_cosines(spec):
+        spacings = (w.spacing.weft, w.spacing.warp)
+        bearing = trellis.bearing_angle(sum(spec.amplitudes), spec.amplitudes, spacings)
+        parts.insert(0, f"press on each other beside their crossings from {math.degrees(bearing):.3g} deg on")
+    why = "closed forms; the couple that resists has no friction of tows that turn on each other: chains have no sides"
+    return Choice("trellis", f"area times {trellis.area_factor(shear):.4g}; tows {', '.join(parts)}", why)
+
+
+def on_cosines(spec: WeaveSpec) -> bool:
+    """Whether all tows change sides at every crossing, on cosines without a flat crest."""
+    plain = all(np.all(spec.pattern != np.roll(spec.pattern, 1, axis)) for axis in (0, 1))
+    return plain and all(t.kind == "cosine" and t.crest == 0 for t in (transition(spec, k) for k in (True, False)))

@@ -1,4 +1,4 @@
-"""Planner of weaves filament by filament: every filament of every tow a chain of smooth segments."""
+"""Planner of weaves filament by filament: every filament of every tow a chain or rod of smooth segments."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from cgfibre.plan.outline import scene_filament
 from cgfibre.plan.pressing import REFERENCE_LOAD, plan_pressing
 from cgfibre.plan.tows import greatest_curvature, woven_system
 from cgfibre.plan.weave_common import (
+    Pace,
     Touching,
     built_height,
     cell_choices,
@@ -24,6 +25,7 @@ from cgfibre.plan.weave_common import (
     rest_choice,
     woven_plan,
 )
+from cgfibre.plan.woven_rods import left_out
 from cgfibre.scene import Scene
 
 #: part of the tow's thickness by which the chord of a segment may miss its line, longest segment in diameters, and
@@ -111,6 +113,8 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
     motion, sampling, more = plan_pressing(scene, mat, mass, timestep, stops)
     frequency = math.sqrt(mat.stiffness(REFERENCE_LOAD * stops.load) / mass)
     drag = DRAG * frequency * float(np.mean(beads.mass))
+    pace = Pace(2 * math.pi / frequency, timestep, stops)
+    woven = woven_plan(scene, "filament", system, volume, spacing, pace)
     choices += [
         level,
         choice,
@@ -118,10 +122,10 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
         Choice("contact law", law, LAWS[law].format(load=scene.contact.line_load * 1e-6)),
         friction(scene),
         rest_choice(scene, level.value),
-        *cell_choices(scene),
         Choice("axial softening", f"{axial:g}", "the cell is held: crimp that is pressed out goes into their length"),
         step,
         *more,
+        *cell_choices(scene, woven),
     ]
     cost = level.value if beads_touch else f"{level.value}, capsules"
     platens = Platens(
@@ -154,21 +158,20 @@ def plan_woven_filaments(scene: Scene, choices: list[Choice]) -> Plan:
         platens=platens,
         motion=motion,
         sampling=sampling,
-        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling),
+        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling, woven=woven),
         choices=tuple(choices),
-        omissions=_OMISSIONS,
+        omissions=_OMISSIONS + left_out(level.value, "filaments"),
         promise=(
             ErrorPart("platen speed", SPEED_ERROR * motion.eps * motion.pace, "inertia of the fabric"),
             ErrorPart("bead spacing", SPACING_ERROR, "chords in place of curved filaments"),
             ErrorPart("rearrangements", REARRANGEMENT, "filaments give way at slightly other displacements"),
         ),
-        woven=woven_plan(scene, "filament", system, volume, spacing, 2 * math.pi / (frequency * timestep)),
+        woven=woven,
     )
 
 
-_OMISSIONS = (
+_OMISSIONS: tuple[Omission, ...] = (
     Omission("filament flattening", "sections stay round", "contacts take the compliance of the line contact"),
-    Omission("torsion and rolling of filaments", "beads of a chain do not spin", "friction cannot roll a filament"),
     Omission("gravity, adhesion, moisture", "small beside contact forces", "below 1e-3 of the force"),
 )
 

@@ -1,4 +1,4 @@
-"""Planner of weaves whose tows are chains, one a round tow and a ribbon of them a flat one."""
+"""Planner of weaves at tow level: a round tow is one chain or rod, a flat one a ribbon of chains."""
 
 from __future__ import annotations
 
@@ -11,14 +11,17 @@ from scipy.optimize import brentq
 
 from cgfibre.build.system import FilamentSystem
 from cgfibre.mechanics.contact import damping_coefficient
+from cgfibre.plan.arches import arches
 from cgfibre.plan.common import checked_step, friction
 from cgfibre.plan.contact import CAPSULE_DAMPING, TANGENTIAL_RATIO, damping_ratio
-from cgfibre.plan.cost import predicted_seconds
-from cgfibre.plan.model import Choice, Contact, ErrorPart, Omission, Plan, Platens
+from cgfibre.plan.cost import joint_cost, predicted_seconds
+from cgfibre.plan.model import Choice, Contact, ErrorPart, Omission, Plan, Platens, Ribbon
 from cgfibre.plan.pressing import REFERENCE_LOAD, plan_pressing
+from cgfibre.plan.ribbons import plan_ribbon, ribbon_bound
 from cgfibre.plan.tow_law import STIFFNESS, ChainLaw, chain_law, tow_law
 from cgfibre.plan.tows import TowModel, greatest_curvature, tow_models, woven_system
 from cgfibre.plan.weave_common import (
+    Pace,
     Touching,
     built_height,
     cell_choices,
@@ -27,6 +30,7 @@ from cgfibre.plan.weave_common import (
     rest_choice,
     woven_plan,
 )
+from cgfibre.plan.woven_rods import left_out, level_of_tows, torsion_choices
 from cgfibre.scene import Scene
 
 #: part of the tow's thickness by which the chord of a segment may miss its centre line, and least segments a crossing
@@ -44,10 +48,11 @@ SPACING_ERROR = 0.02
 @dataclass(frozen=True)
 class Fabric:
     """The static estimate of a fabric at rest between platens: every crossing carries its share of the load from the
-    upper platen through both tows to the lower one, and tows do not bend.
+    upper platen through both tows to the lower one, beside the flanks of tows that are arches.
 
-    ``crossings`` in the cell; ``pair`` force (nN) of one crossing at an overlap (um); ``top`` and ``bottom`` force of a
-    platen on the whole cell at the depth by which it overlaps the highest tow.
+    ``crossings`` in the cell; ``pair`` force (nN) of one crossing, with its flanks, at a way (um) by which its two axes
+    come nearer: the gap as built, then their overlap; ``top`` and ``bottom`` force of a platen on the whole cell at the
+    depth by which it overlaps the highest tow.
     """
 
     crossings: int
@@ -79,8 +84,9 @@ class Fabric:
         return 2 * step / (self.displacement(force + step) - self.displacement(force - step))
 
 
-def fabric(scene: Scene, system: FilamentSystem, laws: tuple[ChainLaw, ChainLaw]) -> Fabric:
-    """The static estimate for tows with these laws (warp, weft; a crossing takes their mean)."""
+def fabric(scene: Scene, system: FilamentSystem, laws: tuple[ChainLaw, ChainLaw], softening: float = 1.0) -> Fabric:
+    """The static estimate for tows with these laws (warp, weft; a crossing takes their mean) and their EA divided by
+    ``softening``."""
     w = scene.weave
     diameter = system.diameter[system.filament_of_bead]
     kind = system.filament_type[system.filament_of_bead]
@@ -96,12 +102,14 @@ def fabric(scene: Scene, system: FilamentSystem, laws: tuple[ChainLaw, ChainLaw]
         np.sum(system.filament_type == system.filament_type[-1])
         / len(np.unique(system.tow[system.filament_type == system.filament_type[-1]]))
     )
+    flanks = arches(scene, system, softening)
 
-    def pair(overlap: float) -> float:
-        half = math.sqrt(max(0.0, 2 * wide * overlap))
+    def pair(way: float) -> float:
+        overlap = max(0.0, way - w.gap)
+        half = math.sqrt(2 * wide * overlap)
         y = overlap * (1 - s**2)
         f = 0.5 * (laws[0].force(y) + laws[1].force(y))
-        return chains * other * half * float(np.trapezoid(f, s))
+        return chains * other * half * float(np.trapezoid(f, s)) + flanks(way)
 
     def platen(sign: float) -> Callable[[float], float]:
         reach = sign * z + diameter / 2
@@ -115,7 +123,7 @@ def fabric(scene: Scene, system: FilamentSystem, laws: tuple[ChainLaw, ChainLaw]
 
         return force
 
-    return Fabric(w.tows.warp * w.tows.weft, pair, platen(1.0), platen(-1.0), 0.5 * thickness)
+    return Fabric(w.tows.warp * w.tows.weft, pair, platen(1.0), platen(-1.0), 0.5 * thickness + w.gap)
 
 
 def _spacing(scene: Scene) -> tuple[float, Choice]:
@@ -155,6 +163,7 @@ def tow_contact(scene: Scene, tows: tuple[TowModel, TowModel], laws: tuple[Chain
         by_angle=c.friction_by_angle,
         pair=() if linear else pair,
         platen=() if linear else _mean_rows(laws, "platen"),
+        both_sides=True,  # soft tows touch over lengths like their segments'
     )
 
 
@@ -168,11 +177,11 @@ def _mean_rows(laws: tuple[ChainLaw, ChainLaw], of: str) -> tuple[tuple[float, f
 
 
 def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
-    """Plan of a weave whose tows are chains."""
+    """Plan of a weave whose tows are chains or rods."""
     w = scene.weave
-    level = _level(scene)
-    choices.append(level)
     tows = tow_models(scene)
+    level = level_of_tows(scene, tows)
+    choices.append(level)
     spacing, choice = _spacing(scene)
     system = woven_system(scene, "tow", spacing)
     longest = float(np.max(system.bond_lengths()))
@@ -183,18 +192,18 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
         chain_law(law, tows[1].chain.diameter, tows[1].shape.width, tows[1].chains),
     )
     contact = tow_contact(scene, tows, laws)
-    estimate = fabric(scene, system, laws)
+    axial = 1.0 if scene.model.axial_softening == "auto" else float(scene.model.axial_softening)
+    estimate = fabric(scene, system, laws, axial)
     height = built_height(system)
     stops = planned_stop(scene, height, estimate)
     choices += [
-        Choice("chains", _chains(tows), "a round tow is one, a flat one a ribbon of parallel ones"),
+        Choice(f"{level.value}s", _chains(tows), "a round tow is one, a flat one a ribbon of parallel ones"),
         choice,
         Choice("contact law", _law(scene, modulus), "across a tow, between tows; platens meet half of that compliance"),
         friction(scene),
         rest_choice(scene, level.value),
-        *cell_choices(scene),
+        *torsion_choices(scene, level.value, tows),
     ]
-    axial = 1.0 if scene.model.axial_softening == "auto" else float(scene.model.axial_softening)
     choices.append(
         Choice(
             "axial softening", f"{axial:g}", "the cell is held: crimp that is pressed out goes into the tows' length"
@@ -202,8 +211,13 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     )
     platens = _platens(scene, contact, min(t.chain.mass_per_length for t in tows))
     pair, wall = (max(law.slope(stops.depth)[k] for law in laws) for k in (0, 1))
-    touching = Touching(PAIRS, pair, wall, contact.gamma, platens.gamma)
-    beads, limit = chain_beads(system, touching, axial, level.value)
+    touching = Touching(PAIRS, pair, wall, contact.gamma, platens.gamma, contact.both_sides)
+    ribbon = None
+    if level.value == "chain":
+        ribbon, more = plan_ribbon(scene, system, tows, law, stops.depth, axial)
+        choices += more
+    joints = 0.0 if ribbon is None else np.sum(ribbon_bound(system, ribbon), axis=0)
+    beads, limit = chain_beads(system, touching, axial, level.value, joints)
     timestep, step = checked_step(scene, limit)
     choices.append(step)
     mass = float(np.sum(beads.mass))
@@ -213,7 +227,9 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
     drag = DRAG * frequency * float(np.mean(beads.mass))
     lengths = [float(np.sum(system.bond_lengths()[_of_type(system, k)])) for k in (0, 1)]
     volume = sum(t.fibres * length / t.chains for t, length in zip(tows, lengths, strict=True))
-    woven = woven_plan(scene, "tow", system, volume, spacing, 2 * math.pi / (frequency * timestep))
+    pace = Pace(2 * math.pi / frequency, timestep, stops)
+    woven = woven_plan(scene, "tow", system, volume, spacing, pace)
+    choices += cell_choices(scene, woven)
     cost = f"{level.value}, capsules"
     return Plan(
         level=level.value,
@@ -234,27 +250,21 @@ def plan_tows(scene: Scene, choices: list[Choice]) -> Plan:
         platens=platens,
         motion=motion,
         sampling=sampling,
-        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling),
+        predicted_seconds=predicted_seconds(cost, system.n_beads, motion, sampling, joint_cost(ribbon), woven),
         choices=tuple(choices),
-        omissions=_omissions(scene, tows),
+        omissions=_omissions(scene, tows, ribbon, level.value),
         promise=(
             ErrorPart("platen speed", SPEED_ERROR * motion.eps * motion.pace, "inertia of the fabric"),
             ErrorPart("bead spacing", SPACING_ERROR, "chords in place of curved tows"),
         ),
         woven=woven,
+        ribbon=ribbon,
     )
 
 
 def _of_type(system: FilamentSystem, kind: int) -> np.ndarray:
     """(n_bonds,) bool: bonds of filaments of a type."""
     return np.asarray(system.filament_type[system.filament_of_bead[system.bonds()[:, 0]]] == kind)
-
-
-def _level(scene: Scene) -> Choice:
-    asked = scene.model.level
-    if asked != "auto":
-        return Choice("level", asked, "as asked in the scene")
-    return Choice("level", "chain", "stretch and bending of tows; twist and rolling of a tow are not asked for")
 
 
 def _chains(tows: tuple[TowModel, TowModel]) -> str:
@@ -284,22 +294,33 @@ def _platens(scene: Scene, contact: Contact, mass: float) -> Platens:
     )
 
 
-def _omissions(scene: Scene, tows: tuple[TowModel, TowModel]) -> tuple[Omission, ...]:
+def _omissions(
+    scene: Scene, tows: tuple[TowModel, TowModel], ribbon: Ribbon | None, level: str
+) -> tuple[Omission, ...]:
     left = [
         Omission(
             "filaments inside a tow",
             "a tow is as stiff across as its law says, wherever it is pressed",
-            "that of the law: a tow widens under load, which no chain does",
-        ),
-        Omission("twist and rolling of tows", "beads of a chain do not spin", "small where tows cross in a fabric"),
-        Omission("gravity, adhesion, moisture", "small beside contact forces", "below 1e-3 of the force"),
+            "that of the law: a tow widens under load, which no chain or rod does",
+        )
     ]
-    if any(t.chains > 1 for t in tows):
+    if any(t.chains == 1 for t in tows):
+        left += left_out(level, "tows")
+    left.append(Omission("gravity, adhesion, moisture", "small beside contact forces", "below 1e-3 of the force"))
+    if ribbon is not None:
         left.append(
             Omission(
-                "bending of a flat tow in its plane",
-                "its parallel chains are not joined",
-                "none under platens; shear of the fabric meets too little resistance",
+                "stiffness of a flat tow against sliding of its chains and bending across its width",
+                "loose filaments do both",
+                "a solid tow's shear and the bending of its section are missing",
+            )
+        )
+    elif any(t.chains > 1 for t in tows):
+        left.append(
+            Omission(
+                "bending of a flat tow in its plane, and its twist",
+                "parallel chains are joined at level chain alone",
+                "chains between crossings drift from each other",
             )
         )
     return tuple(left)

@@ -55,18 +55,17 @@ void FixSegments::init()
   known = true;
 }
 
-// A bond of beads with neighbouring tags runs from the lower to the higher; any other closes a filament on itself and
-// runs from the higher to the lower. So it does not matter which of the two stores the bond.
+// A bond of beads with neighbouring tags runs from the lower to the higher; one between the ends of a row of such bonds
+// closes that filament and runs from its last bead to its first. So it does not matter which of the two stores the bond.
+// Bonds of any other beads lead from filament to filament and are no segments: rungs of ribbons.
 void FixSegments::read_bonds()
 {
   std::vector<tagint> mine, all;
   for (int i = 0; i < atom->nlocal; i++)
     for (int k = 0; k < atom->num_bond[i]; k++) {
       if (atom->bond_type[i][k] <= 0) continue;
-      const tagint low = std::min(atom->tag[i], atom->bond_atom[i][k]);
-      const tagint high = std::max(atom->tag[i], atom->bond_atom[i][k]);
-      mine.push_back(high - low == 1 ? low : high);
-      mine.push_back(high - low == 1 ? high : low);
+      mine.push_back(std::min(atom->tag[i], atom->bond_atom[i][k]));
+      mine.push_back(std::max(atom->tag[i], atom->bond_atom[i][k]));
     }
   // a bond may be stored where its first bead is not, so every rank hears of all
   int count = (int) mine.size();
@@ -75,9 +74,24 @@ void FixSegments::read_bonds()
   for (int p = 1; p < comm->nprocs; p++) starts[p] = starts[p - 1] + counts[p - 1];
   all.resize(starts.back() + counts.back());
   MPI_Allgatherv(mine.data(), count, MPI_LMP_TAGINT, all.data(), counts.data(), starts.data(), MPI_LMP_TAGINT, world);
-  std::unordered_map<tagint, tagint> after;
+  std::vector<tagint> on;    // beads with a segment to the next tag, rising
+  for (size_t k = 0; k + 1 < all.size(); k += 2)
+    if (all[k + 1] - all[k] == 1) on.push_back(all[k]);
+  std::sort(on.begin(), on.end());
+  on.erase(std::unique(on.begin(), on.end()), on.end());    // with newton off both beads of a bond store it
+  std::unordered_map<tagint, tagint> after, first;    // next bead; first bead of the row that ends at a bead
   after.reserve(all.size());
-  for (size_t k = 0; k + 1 < all.size(); k += 2) after[all[k]] = all[k + 1];
+  for (size_t k = 0; k < on.size(); k++) {
+    const auto row = first.find(on[k]);
+    const tagint begin = row == first.end() ? on[k] : row->second;
+    if (row != first.end()) first.erase(row);
+    first[on[k] + 1] = begin;
+    after[on[k]] = on[k] + 1;
+  }
+  for (size_t k = 0; k + 1 < all.size(); k += 2) {
+    const auto row = first.find(all[k + 1]);
+    if (row != first.end() && row->second == all[k] && all[k + 1] - all[k] > 1) after[all[k + 1]] = all[k];
+  }
   for (int i = 0; i < atom->nlocal; i++) {
     const auto found = after.find(atom->tag[i]);
     following[i] = found == after.end() ? 0.0 : (double) found->second;

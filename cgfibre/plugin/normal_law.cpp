@@ -30,8 +30,6 @@ double line_solve(double y, double phi)
   return phi;
 }
 
-double line_energy(double phi) { return phi * phi / (2 * PI) * (std::log(8 * PI / phi) - 1.5); }
-
 // a table of force against overlap with its checks
 Curve force_curve(LAMMPS *lmp, const std::string &file, const std::string &keyword)
 {
@@ -76,12 +74,15 @@ LineCurve::LineCurve()
 {
   double y0 = FIRST, p0 = line_solve(y0, PI * y0 / 25);
   initial_ = p0 / y0;
+  below_[0] = p0 * y0 / 2;
   for (int k = 0; k < OCTAVES << CELL_BITS; k++) {
     const std::uint64_t bits = (BASE + k + 1) << SHIFT;
     double y1;
     std::memcpy(&y1, &bits, sizeof y1);
     const double p1 = line_solve(y1, p0), s0 = line_slope(p0), s1 = line_slope(p1), h = y1 - y0, m = (p1 - p0) / h;
-    cells_[k] = {p0, s0, (3 * m - 2 * s0 - s1) / h, (s0 + s1 - 2 * m) / (h * h)};
+    const Cell c = {p0, s0, (3 * m - 2 * s0 - s1) / h, (s0 + s1 - 2 * m) / (h * h)};
+    cells_[k] = c;
+    below_[k + 1] = below_[k] + h * (c.a + h * (c.b / 2 + h * (c.c / 3 + h * c.d / 4)));
     y0 = y1;
     p0 = p1;
   }
@@ -92,10 +93,16 @@ LineCurve::LineCurve()
 double LineCurve::energy(double y) const
 {
   if (y < FIRST) return initial_ * y * y / 2;
-  // the straight line below FIRST holds phi^2/(4 pi) more than the law
-  const double start = initial_ * FIRST, below = start * start / (4 * PI);
-  if (y >= 1) return below + line_energy(phi1_) + (y - 1) * (phi1_ + slope1_ * (y - 1) / 2);
-  return below + line_energy(phi(y));
+  if (y >= 1) return below_[OCTAVES << CELL_BITS] + (y - 1) * (phi1_ + slope1_ * (y - 1) / 2);
+  std::uint64_t bits;
+  std::memcpy(&bits, &y, sizeof bits);
+  const std::uint64_t cell = (bits >> SHIFT) - BASE;
+  bits = (bits >> SHIFT) << SHIFT;
+  double start;
+  std::memcpy(&start, &bits, sizeof start);
+  const Cell &c = cells_[cell];
+  const double t = y - start;
+  return below_[cell] + t * (c.a + t * (c.b / 2 + t * (c.c / 3 + t * c.d / 4)));
 }
 
 NormalLaw NormalLaw::parse(LAMMPS *lmp, int narg, char **arg, int &iarg)

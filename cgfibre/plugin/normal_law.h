@@ -36,17 +36,23 @@ class LineCurve {
     return c.a + t * (c.b + t * (c.c + t * c.d));
   }
   double initial_slope() const { return initial_; }
-  // integral of phi dy: phi^2/(2 pi) (ln(8 pi/phi) - 3/2), matched to the straight ends
+  double last() const { return phi1_; }    // phi(1)
+  double last_slope() const { return slope1_; }
+  // integral of phi dy, of the pieces themselves; of the law: phi^2/(2 pi) (ln(8 pi/phi) - 3/2)
   double energy(double y) const;
 
- private:
+  // cell of y: cells()[(bits of y >> SHIFT) - BASE]
   static constexpr int OCTAVES = 20, CELL_BITS = 8, SHIFT = 52 - CELL_BITS;    // 256 cells an octave
   static constexpr std::uint64_t BASE = std::uint64_t(1023 - OCTAVES) << CELL_BITS;
   static constexpr double FIRST = 1.0 / (1 << OCTAVES);
   struct Cell {
     double a, b, c, d;
   };
+  const Cell *cells() const { return cells_; }
+
+ private:
   Cell cells_[OCTAVES << CELL_BITS];
+  double below_[(OCTAVES << CELL_BITS) + 1];    // energy at the start of each cell
   double initial_, phi1_, slope1_;
 
   LineCurve();

@@ -1,11 +1,11 @@
 #include "pair_capsule.h"
 
-#include "crossing_law.h"
 #include "fix_segments.h"
-#include "friction_spring.h"
+#include "vector3.h"
 
 #include "atom.h"
 #include "comm.h"
+#include "domain.h"
 #include "error.h"
 #include "force.h"
 #include "memory.h"
@@ -16,6 +16,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
 
 using namespace LAMMPS_NS;
@@ -23,37 +24,11 @@ using namespace cgfibre;
 
 namespace {
 
-constexpr double GAUSS = 0.57735026918962576;    // 1/sqrt(3)
 constexpr double NONE_CLOSE = 1e20;
-constexpr double SLIVER = 1e-9;    // of a segment: a shorter stretch is rounding
-
-// a unit vector across both axes, for axes that meet: any will do
-void across(const double *u, const double *v, double *n)
-{
-  cross(u, v, n);
-  double size = std::sqrt(dot(n, n));
-  if (size < 1e-9) {
-    const double e[3] = {std::fabs(u[0]) < 0.8 ? 1.0 : 0.0, std::fabs(u[0]) < 0.8 ? 0.0 : 1.0, 0.0};
-    cross(u, e, n);
-    size = std::sqrt(dot(n, n));
-  }
-  for (int d = 0; d < 3; d++) n[d] /= size;
-}
-
-// the part of [lo, hi] where alpha + beta s >= 0; `edge`: whether a stretch that lies in the plane belongs to it
-inline void keep(double alpha, double beta, bool edge, double &lo, double &hi)
-{
-  if (beta > 0.0)
-    lo = std::max(lo, -alpha / beta);
-  else if (beta < 0.0)
-    hi = std::min(hi, -alpha / beta);
-  else if (alpha < 0.0 || (alpha == 0.0 && !edge))
-    hi = -1.0;
-}
 
 }    // namespace
 
-PairCapsule::PairCapsule(LAMMPS *lmp) : Pair(lmp), reach(0.0), spin(false), chain(nullptr), store(nullptr), stale(true), warned(false)
+PairCapsule::PairCapsule(LAMMPS *lmp) : Pair(lmp), reach(0.0), spin(false), two_sided(false), kernels(lane_kernels()), chain(nullptr), store(nullptr), stale(true), warned(false)
 {
   single_enable = 1;
   restartinfo = 0;    // the deck gives pair_style and pair_coeff again after read_restart
@@ -89,15 +64,20 @@ void PairCapsule::allocate()
   active.assign(n, 0);
 }
 
-// pair_style capsule REACH [spin yes|no]
+// pair_style capsule REACH [spin yes|no] [sides one|both]
 void PairCapsule::settings(int narg, char **arg)
 {
-  if (narg != 1 && narg != 3) error->all(FLERR, "pair_style capsule takes the longest segment, um, and spin yes|no");
+  if (narg % 2 == 0) error->all(FLERR, "pair_style capsule takes the longest segment, um, spin yes|no and sides one|both");
   reach = utils::numeric(FLERR, arg[0], false, lmp);
   if (!(reach > 0.0)) error->all(FLERR, "pair_style capsule: longest segment {} um, expected above 0", reach);
-  if (narg == 3) {
-    if (strcmp(arg[1], "spin") != 0) error->all(FLERR, "pair_style capsule: unknown keyword {}, expected spin", arg[1]);
-    spin = utils::logical(FLERR, arg[2], false, lmp) == 1;
+  for (int iarg = 1; iarg < narg; iarg += 2) {
+    const std::string word = arg[iarg], value = arg[iarg + 1];
+    if (word == "spin")
+      spin = utils::logical(FLERR, arg[iarg + 1], false, lmp) == 1;
+    else if (word == "sides" && (value == "one" || value == "both"))
+      two_sided = value == "both";
+    else
+      error->all(FLERR, "pair_style capsule: unknown words {} {}, expected spin yes|no, sides one|both", word, value);
   }
 }
 
@@ -106,6 +86,8 @@ void PairCapsule::coeff(int narg, char **arg)
 {
   if (narg < 3) error->all(FLERR, "pair_coeff of capsule takes two types and a law");
   if (!allocated) allocate();
+  // pair_coeff comes when there is a box, and before fixes that move atoms between ranks
+  if (!store) store = FixHistory::create(lmp, "CGFIBRE_CAPSULE", HISTORY, this);
   int ilo, ihi, jlo, jhi;
   utils::bounds(FLERR, arg[0], 1, atom->ntypes, ilo, ihi, error);
   utils::bounds(FLERR, arg[1], 1, atom->ntypes, jlo, jhi, error);
@@ -147,9 +129,11 @@ void PairCapsule::init_style()
 {
   if (!atom->radius_flag) error->all(FLERR, "pair_style capsule needs the radius of every bead (atom_style sphere)");
   if (!force->newton_pair) error->all(FLERR, "pair_style capsule needs newton on for pairs");
+  if (!kernels)
+    error->all(FLERR, "environment variable CGFIBRE_LANES is {}, expected two, four or eight, as this processor has",
+               getenv("CGFIBRE_LANES"));
+  if (!chain && comm->me == 0) utils::logmesg(lmp, "pair_style capsule: contacts by {} a register\n", kernels->lanes);
   chain = FixSegments::of(lmp);
-  // there must be a box first
-  if (!store) store = FixHistory::create(lmp, "CGFIBRE_CAPSULE", HISTORY, this);
 }
 
 double PairCapsule::init_one(int i, int j)
@@ -213,28 +197,27 @@ void PairCapsule::find_pairs()
 
   // rows of partners; segments that are in some pair get a place
   segments.clear();
+  beads.clear();
   masters.clear();
   rows.assign(1, 0);
   partners.clear();
   history.clear();
+  held.clear();
   row_of.clear();
   std::vector<int> place(near.size(), -1);
   const auto placed = [&](int a) {
     if (place[a] < 0) {
       place[a] = (int) segments.size();
       const int i = near[a].bead, j = next[i];
-      Segment s{};
-      s.first = i;
-      s.second = j;
-      s.previous = before[i];
-      s.following = next[j];
-      s.radius = near[a].radius;
-      segments.push_back(s);
+      segments.push_back({});
+      segments.back().radius = near[a].radius;
+      segments.back().end = next[j] < 0 ? 1.0 : 0.0;
+      beads.push_back({i, j, before[i], next[j], -1, -1});
     }
     return place[a];
   };
   int row = -1;
-  search.pairs(near, neighbor->skin, [&](int a, int b) {
+  search.pairs(near, neighbor->skin, two_sided, [&](int a, int b) {
     const int i = near[a].bead, j = near[b].bead;
     if (of_types(type[i], type[j]).law.kind() == NormalLaw::NONE) return;
     if (a != row) {
@@ -246,14 +229,15 @@ void PairCapsule::find_pairs()
     partners.push_back(placed(b));
     const double *kept = store->find(i, atom->tag[j]);
     for (int k = 0; k < HISTORY; k++) history.push_back(kept ? kept[k] : 0.0);
+    held.push_back(kept && (kept[0] != 0.0 || kept[1] != 0.0 || kept[2] != 0.0));
   });
   if (row >= 0) rows.push_back((int) partners.size());
   // segments next to one another, where both have a place
   std::vector<int> place_of(nall, -1);
-  for (size_t k = 0; k < segments.size(); k++) place_of[segments[k].first] = (int) k;
-  for (Segment &s : segments) {
-    s.back = s.previous >= 0 ? place_of[s.previous] : -1;
-    s.front = place_of[s.second];
+  for (size_t k = 0; k < beads.size(); k++) place_of[beads[k].first] = (int) k;
+  for (Beads &b : beads) {
+    b.back = b.previous >= 0 ? place_of[b.previous] : -1;
+    b.front = place_of[b.second];
   }
   stale = false;
 }
@@ -266,12 +250,12 @@ void PairCapsule::restore(const FixHistory &)
 void PairCapsule::deposit(FixHistory &into)
 {
   for (size_t m = 0; m < masters.size(); m++) {
-    const int i = segments[masters[m]].first;
+    const int i = beads[masters[m]].first;
     for (int k = rows[m]; k < rows[m + 1]; k++) {
       const double *h = &history[(size_t) k * HISTORY];
       bool any = false;
       for (int n = 0; n < HISTORY; n++) any |= h[n] != 0.0;
-      if (any) into.add(i, atom->tag[segments[partners[k]].first], h);
+      if (any) into.add(i, atom->tag[beads[partners[k]].first], h);
     }
   }
 }
@@ -294,18 +278,22 @@ void PairCapsule::place_segments()
       t[0] = 1.0;
     return size;
   };
-  for (Segment &s : segments) {
-    s.length = direction(s.first, s.second, s.t);
+  for (size_t k = 0; k < segments.size(); k++) {
+    Segment &s = segments[k];
+    const Beads &b = beads[k];
+    s.length = direction(b.first, b.second, s.t);
     s.inverse = s.length > 0.0 ? 1.0 / s.length : 0.0;
     for (int d = 0; d < 3; d++) {
-      s.x[d] = x[s.first][d];
-      s.y[d] = x[s.second][d];
-      s.v[d] = v[s.first][d];
-      s.dv[d] = v[s.second][d] - v[s.first][d];
+      s.x[d] = x[b.first][d];
+      s.v[d] = v[b.first][d];
+      s.dv[d] = v[b.second][d] - v[b.first][d];
     }
   }
+  carry_with_box();
   // a neighbour that is in no pair has no place
-  for (Segment &s : segments) {
+  for (size_t k = 0; k < segments.size(); k++) {
+    Segment &s = segments[k];
+    const Beads &b = beads[k];
     double there[3];
     const auto plane = [&](int place, int from, int to, double *normal) {
       const Segment *other = place >= 0 ? &segments[place] : nullptr;
@@ -313,305 +301,261 @@ void PairCapsule::place_segments()
       const double *t = other ? other->t : there;
       for (int d = 0; d < 3; d++) normal[d] = found ? s.t[d] + t[d] : s.t[d];
     };
-    plane(s.back, s.previous, s.first, s.before);
-    plane(s.front, s.second, s.following, s.after);
+    plane(b.back, b.previous, b.first, s.before);
+    plane(b.front, b.second, b.following, s.after);
   }
 }
 
-// Whether segment A (lower molecule) meets segment B, and where. The squared distance of A's point at arc length s from
-// B's axis is a parabola in s, so the stretch in contact has closed limits.
-inline bool PairCapsule::meet(const Segment &A, const Segment &B, Stretch &S)
+// A box that deforms (fix deform, remap x) moves beads beside their velocities: surfaces slide past each other by that too.
+void PairCapsule::carry_with_box()
 {
-  const double D = A.radius + B.radius;
-  double w[3], end[3];
-  for (int d = 0; d < 3; d++) {
-    w[d] = A.x[d] - B.x[d];
-    end[d] = A.x[d] - B.y[d];
+  const double *rate = domain->h_rate, *inverse = domain->h_inv;    // xx, yy, zz, yz, xz, xy
+  if (!domain->deform_flag || domain->deform_vremap) return;
+  bool still = true;
+  for (int k = 0; k < 6; k++) still = still && rate[k] == 0.0;
+  if (still) return;
+  // velocity gradient: the rate of the box's edges times their inverse, upper triangles both
+  const double xx = rate[0] * inverse[0], yy = rate[1] * inverse[1], zz = rate[2] * inverse[2];
+  const double xy = rate[0] * inverse[5] + rate[5] * inverse[1];
+  const double yz = rate[1] * inverse[3] + rate[3] * inverse[2];
+  const double xz = rate[0] * inverse[4] + rate[5] * inverse[3] + rate[4] * inverse[2];
+  for (Segment &s : segments) {
+    const double *r = s.x, along[3] = {s.length * s.t[0], s.length * s.t[1], s.length * s.t[2]};
+    s.v[0] += xx * r[0] + xy * r[1] + xz * r[2];
+    s.v[1] += yy * r[1] + yz * r[2];
+    s.v[2] += zz * r[2];
+    s.dv[0] += xx * along[0] + xy * along[1] + xz * along[2];
+    s.dv[1] += yy * along[1] + yz * along[2];
+    s.dv[2] += zz * along[2];
   }
-  // between B's end planes; most candidates end here, next to a neighbour's segment
-  const double behind = dot(w, B.before), ahead = -dot(end, B.after);
-  const double gain = dot(A.t, B.before), loss = -dot(A.t, B.after);
-  if ((behind < 0.0 && behind + gain * A.length < 0.0) || (ahead < 0.0 && ahead + loss * A.length < 0.0)) return false;
-
-  S.b = dot(A.t, B.t);
-  S.e = dot(w, B.t);
-  for (int d = 0; d < 3; d++) {
-    S.p0[d] = w[d] - S.e * B.t[d];
-    S.m[d] = A.t[d] - S.b * B.t[d];
-  }
-  S.C = dot(S.p0, S.p0) - D * D;
-  S.Q = dot(S.p0, S.m);
-  S.M = std::max(dot(S.m, S.m), 1e-14);
-  const double root2 = S.Q * S.Q - S.M * S.C;
-  if (!(root2 > 0.0)) return false;
-  const double root = std::sqrt(root2);
-  const double q = -(S.Q + (S.Q >= 0.0 ? root : -root));
-  const double s1 = q / S.M, s2 = S.C / q;
-  S.lo = std::max(0.0, std::min(s1, s2));
-  S.hi = std::min(A.length, std::max(s1, s2));
-  keep(behind, gain, true, S.lo, S.hi);
-  keep(ahead, loss, B.following < 0, S.lo, S.hi);
-  return S.hi - S.lo > SLIVER * A.length;
 }
 
-// The forces of a stretch in contact.
-template <bool SPIN>
-void PairCapsule::press(const Segment &A, const Segment &B, const Stretch &S, const Coefficients &c, double *h, bool advance,
-                        bool energy, CapsuleContact &out, Load &load) const
+// a stretch in contact into its lane
+void PairCapsule::fill(PressLanes &all, int lane, const Waiting &pair, double lo, double hi, double *h) const
 {
-  const double D = A.radius + B.radius, size = 0.5 * D;
-  const double lo = S.lo, hi = S.hi, b = S.b, e = S.e, C = S.C, Q = S.Q, M = S.M;
-  const double *p0 = S.p0, *m = S.m;
-  const double half = 0.5 * (hi - lo), middle = 0.5 * (hi + lo);
-
-  // crossing at an angle: Hertz' ellipse as a lens of linear springs, see crossing_law.h
-  double share = 1.0, lens_stiffness = 0.0;
-  const double nearest = std::min(hi, std::max(lo, -Q / M));
-  const double lens2 = -(C + nearest * (2 * Q + nearest * M));    // D^2 less the least distance squared
-  const double harmonic = 2 * A.radius * B.radius / D;
-  if (c.law.kind() == NormalLaw::LINE && lens2 > 0.0 && lens2 < M * LONG_LENS * LONG_LENS * harmonic * harmonic) {
-    share = line_share(std::sqrt(lens2 / M) / harmonic);    // by the half width of the whole lens
-    // Hertz' force over the lens' area, with the powers of a vanishing overlap taken out of it
-    const double open = D + std::sqrt(std::max(0.0, D * D - lens2));
-    lens_stiffness = 0.75 * c.law.modulus() * std::sqrt(harmonic * M / (open * open * open)) *
-        hertz_shape(M * harmonic * harmonic / (A.radius * B.radius)) * (D + std::sqrt(D * D - 2.0 / 3.0 * lens2));
+  const int a = masters[pair.master], b = partners[pair.partner];
+  const Segment &A = segments[a], &B = segments[b];
+  const Coefficients &c = of_types(atom->type[beads[a].first], atom->type[beads[b].first]);
+  const double cosine = c.friction.by_angle() ? std::fabs(dot(A.t, B.t)) : 1.0;
+  all.A[lane] = &A;
+  all.B[lane] = &B;
+  all.lo[lane] = lo;
+  all.hi[lane] = hi;
+  all.law[lane] = &c.law;
+  all.modulus[lane] = c.law.kind() == NormalLaw::LINE ? c.law.modulus() : 0.0;
+  all.damping[lane] = c.damping;
+  all.tangential[lane] = c.tangential;
+  all.sliding[lane] = c.sliding;
+  all.friction[lane] = c.friction.limit(cosine, h[3] != 0.0);
+  all.kinetic[lane] = c.friction.limit(cosine, true);
+  all.history[lane] = h;
+  if (spin) {
+    double **omega = atom->omega;
+    const int turning[4] = {beads[a].first, beads[a].second, beads[b].first, beads[b].second};
+    for (int n = 0; n < 4; n++) all.omega[n][lane] = omega[turning[n]];
   }
+}
 
-  double sum = 0.0, stiffness = 0.0, at = 0.0, n[3] = {0.0, 0.0, 0.0};
-  double onA[3] = {0.0, 0.0, 0.0}, onB[3] = {0.0, 0.0, 0.0};    // part of n on the second beads
-  double least = D;
-  for (int g = 0; g < 2; g++) {
-    const double s = middle + (g ? GAUSS : -GAUSS) * half, along = e + b * s;
-    double way[3], distance2 = 0.0;
-    for (int d = 0; d < 3; d++) {
-      way[d] = p0[d] + s * m[d];
-      distance2 += way[d] * way[d];
-    }
-    const double distance = std::sqrt(distance2);
-    if (distance > 1e-12 * D) {
-      const double inverse = 1.0 / distance;
-      for (int d = 0; d < 3; d++) way[d] *= inverse;
-    } else
-      across(A.t, B.t, way);
-    const double overlap = D - distance;
-    least = std::min(least, distance);
-    const double xi = s * A.inverse, eta = along * B.inverse;
-    double closing = 0.0;
-    for (int d = 0; d < 3; d++) closing -= way[d] * (A.v[d] + xi * A.dv[d] - B.v[d] - eta * B.dv[d]);
-    double elastic;
-    if (c.law.has_history()) {
-      double deep = h[4 + g];
-      elastic = c.law.force(overlap, size, deep);
-      if (advance) h[4 + g] = deep;
-    } else
-      elastic = share * c.law.force(overlap, size) + (1.0 - share) * lens_stiffness * std::max(0.0, overlap);
-    const double f = half * std::max(0.0, elastic + c.damping * closing);
-    if (overlap > 0.0) stiffness += half * elastic / overlap;
-    sum += f;
-    at += f * s;
-    for (int d = 0; d < 3; d++) {
-      const double F = f * way[d];
-      n[d] += F;
-      onA[d] += xi * F;
-      onB[d] += eta * F;
-    }
+// the forces of the first `count` lanes
+void PairCapsule::press(PressLanes &all, int count) const
+{
+  double nothing[HISTORY];
+  all.dt = update->dt;
+  all.line = true;
+  for (int l = 0; l < count; l++) all.line &= all.law[l]->kind() == NormalLaw::LINE;
+  for (int l = count; l < LANES; l++) {    // repeat the first, without a trace
+    std::copy(all.history[0], all.history[0] + HISTORY, nothing);
+    all.A[l] = all.A[0];
+    all.B[l] = all.B[0];
+    all.lo[l] = all.lo[0];
+    all.hi[l] = all.hi[0];
+    all.law[l] = all.law[0];
+    all.modulus[l] = all.modulus[0];
+    all.damping[l] = all.damping[0];
+    all.tangential[l] = all.tangential[0];
+    all.sliding[l] = all.sliding[0];
+    all.friction[l] = all.friction[0];
+    all.kinetic[l] = all.kinetic[0];
+    all.history[l] = nothing;
+    for (int n = 0; n < 4; n++) all.omega[n][l] = all.omega[n][0];
   }
-
+  // Seen from both sides, on average at the surfaces: a chain takes its couple as the first, over the length of the
+  // contact. As the second it would take it across one segment, and behind a joint suddenly across the next.
+  all.on_second_axis = two_sided && !spin;
+  if (spin)
+    kernels->press_spin(all);
+  else
+    kernels->press(all);
+  if (!two_sided) return;
+  const auto halve = [count](double *values) {    // the other half comes from the other side
+    for (int l = 0; l < count; l++) values[l] *= 0.5;
+  };
   for (int d = 0; d < 3; d++) {
-    load.force[0][d] = n[d] - onA[d];
-    load.force[1][d] = onA[d];
-    load.force[2][d] = onB[d] - n[d];
-    load.force[3][d] = -onB[d];
+    for (int n = 0; n < 4; n++) {
+      halve(all.force[n][d]);
+      if (spin) halve(all.torque[n][d]);
+    }
+    halve(all.friction_force[d]);
   }
-  if (SPIN) memset(load.torque, 0, sizeof load.torque);
-  out.normal = sum;
-  out.length = hi - lo;
-  out.distance = least;
-  out.cosine = std::fabs(b);
-  out.energy = 0.0;
-  for (int d = 0; d < 3; d++) out.friction[d] = 0.0;
-  const double push = std::sqrt(dot(n, n));
-  if (push > 0.0) {
-    const double unit = 1.0 / push;
-    for (int d = 0; d < 3; d++) n[d] *= unit;
-    const double s = at / sum, along = e + b * s;
-    const double xi = s * A.inverse, eta = along * B.inverse;
-    // from the axes to the point where the surfaces touch, along the line between them: it takes no angular momentum
-    const double rA = -A.radius / D, rB = B.radius / D;
-    double slide[3], armA[3], armB[3], turnA[3], turnB[3];
-    for (int d = 0; d < 3; d++) {
-      const double way = p0[d] + s * m[d];
-      armA[d] = rA * way;
-      armB[d] = rB * way;
-      slide[d] = A.v[d] + xi * A.dv[d] - B.v[d] - eta * B.dv[d];
-    }
-    if (SPIN) {
-      double **omega = atom->omega;
-      for (int d = 0; d < 3; d++) {
-        turnA[d] = (1.0 - xi) * omega[A.first][d] + xi * omega[A.second][d];
-        turnB[d] = (1.0 - eta) * omega[B.first][d] + eta * omega[B.second][d];
-      }
-    } else {
-      cross(A.t, A.dv, turnA);
-      cross(B.t, B.dv, turnB);
-      for (int d = 0; d < 3; d++) {
-        turnA[d] *= A.inverse;
-        turnB[d] *= B.inverse;
-      }
-    }
-    double rollA[3], rollB[3];
-    cross(turnA, armA, rollA);
-    cross(turnB, armB, rollB);
-    double normal_speed = 0.0;
-    for (int d = 0; d < 3; d++) {
-      slide[d] += rollA[d] - rollB[d];
-      normal_speed += slide[d] * n[d];
-    }
-    for (int d = 0; d < 3; d++) slide[d] -= normal_speed * n[d];
+  halve(all.normal);
+  halve(all.length);
+}
 
-    const FrictionSpring spring{c.tangential * stiffness, c.sliding * c.damping * out.length,
-                                c.friction.limit(out.cosine, h[3] != 0.0) * push,
-                                c.friction.limit(out.cosine, true) * push};
-    double T[3];
-    out.slipping = pull(spring, n, slide, update->dt, h, advance, T);
-
-    double coupleA[3], coupleB[3];
-    cross(armA, T, coupleA);
-    cross(T, armB, coupleB);    // - armB x T
-    for (int d = 0; d < 3; d++) {
-      out.friction[d] = T[d];
-      load.force[0][d] += (1.0 - xi) * T[d];
-      load.force[1][d] += xi * T[d];
-      load.force[2][d] -= (1.0 - eta) * T[d];
-      load.force[3][d] -= eta * T[d];
-      out.point[d] = A.x[d] + s * A.t[d] + armA[d];
-    }
-    if (SPIN)
-      for (int d = 0; d < 3; d++) {
-        load.torque[0][d] = (1.0 - xi) * coupleA[d];
-        load.torque[1][d] = xi * coupleA[d];
-        load.torque[2][d] = (1.0 - eta) * coupleB[d];
-        load.torque[3][d] = eta * coupleB[d];
-      }
-    else {
-      // a chain takes the couple as a pair of forces across its segment; it has nothing that could turn about its axis
-      double pairA[3], pairB[3];
-      cross(coupleA, A.t, pairA);
-      cross(coupleB, B.t, pairB);
-      for (int d = 0; d < 3; d++) {
-        load.force[0][d] -= pairA[d] * A.inverse;
-        load.force[1][d] += pairA[d] * A.inverse;
-        load.force[2][d] -= pairB[d] * B.inverse;
-        load.force[3][d] += pairB[d] * B.inverse;
-      }
-    }
-  } else if (advance)
-    h[0] = h[1] = h[2] = h[3] = 0.0;
-
-  if (energy) {
-    // three points: the energy is of the fourth order where the force is of the second
-    constexpr double OUTER = 0.77459666924148338;
-    const double shift[3] = {-OUTER, 0.0, OUTER}, weight[3] = {5.0 / 9.0, 8.0 / 9.0, 5.0 / 9.0};
-    for (int g = 0; g < 3; g++) {
-      const double s = middle + shift[g] * half;
-      const double overlap = D - std::sqrt(std::max(0.0, C + D * D + s * (2 * Q + s * M)));
-      if (overlap > 0.0)
-        out.energy += half * weight[g] *
-            (share * c.law.energy(overlap, size) + (1.0 - share) * 0.5 * lens_stiffness * overlap * overlap);
-    }
+CapsuleContact PairCapsule::contact_of(const PressLanes &all, int lane) const
+{
+  CapsuleContact contact;
+  contact.normal = all.normal[lane];
+  for (int d = 0; d < 3; d++) {
+    contact.friction[d] = all.friction_force[d][lane];
+    contact.force[d] = all.force[0][d][lane] + all.force[1][d][lane];
+    contact.point[d] = all.point[d][lane];
   }
-  for (int d = 0; d < 3; d++) out.force[d] = load.force[0][d] + load.force[1][d];
+  contact.length = all.length[lane];
+  contact.distance = all.distance[lane];
+  contact.cosine = all.cosine[lane];
+  contact.slipping = all.slips[lane] != 0.0;
+  constexpr double weight[3] = {5.0 / 9.0, 8.0 / 9.0, 5.0 / 9.0};
+  const double share = all.share[lane], size = 0.5 * (all.A[lane]->radius + all.B[lane]->radius);
+  for (int g = 0; g < 3; g++) {
+    const double overlap = all.overlap[g][lane];
+    if (overlap > 0.0)
+      contact.energy += 0.5 * contact.length * weight[g] *
+          (share * all.law[lane]->energy(overlap, size) + (1.0 - share) * 0.5 * all.lens[lane] * overlap * overlap);
+  }
+  return contact;
 }
 
 // A stretch that begins on the next segment of a filament goes on with the spring of the stretch before it: what has slid
 // along the one has slid along the other. A filament that crosses at a right angle changes segments at once.
-bool PairCapsule::inherit(size_t m, int k)
+void PairCapsule::inherit(size_t m, int k)
 {
-  const Segment &B = segments[partners[k]];
+  const Beads &B = beads[partners[k]];
   double *h = &history[(size_t) k * HISTORY];
   const auto next_to = [&](int other) {
-    const Segment &O = segments[other];
+    const Beads &O = beads[other];
     return O.second == B.first || O.first == B.second;
   };
   for (const Ended &one : lost)
     if (next_to(one.segment)) {
       std::copy(one.history, one.history + HISTORY, h);
-      return true;
+      return;
     }
   for (int j = rows[m]; j < rows[m + 1]; j++) {
+    if (j == k || !held[j] || !next_to(partners[j])) continue;
     const double *theirs = &history[(size_t) j * HISTORY];
-    if (j == k || (theirs[0] == 0.0 && theirs[1] == 0.0 && theirs[2] == 0.0) || !next_to(partners[j])) continue;
     std::copy(theirs, theirs + HISTORY, h);
-    return true;
+    return;
   }
-  return false;
 }
 
-template <bool SPIN> void PairCapsule::add_forces()
+// which of the waiting candidates touch
+void PairCapsule::sort_out(bool advance)
 {
+  for (int l = candidate_count; l < LANES; l++) {
+    meeting.A[l] = meeting.A[0];
+    meeting.B[l] = meeting.B[0];
+  }
+  const unsigned met = kernels->meet(meeting);
+  for (int l = 0; l < candidate_count; l++) {
+    const Waiting &pair = candidates[l];
+    const int k = pair.partner;
+    if (!(met >> l & 1) && !held[k]) continue;
+    double *h = &history[(size_t) k * HISTORY];
+    if (advance && lost_row != (size_t) pair.master) {
+      lost.clear();
+      lost_row = pair.master;
+    }
+    if (!(met >> l & 1)) {
+      if (!advance) continue;
+      lost.push_back({partners[k], {}});
+      std::copy(h, h + HISTORY, lost.back().history);
+      std::fill(h, h + 4, 0.0);
+      held[k] = 0;
+      continue;
+    }
+    if (advance && !held[k]) {
+      add_loads(advance);    // the springs of the row before this one, as they are after this step on any number of ranks
+      inherit(pair.master, k);
+    }
+    fill(pressing, touching_count, pair, meeting.lo[l], meeting.hi[l], h);
+    touching[touching_count++] = pair;
+    if (touching_count == LANES) add_loads(advance);
+  }
+  candidate_count = 0;
+}
+
+void PairCapsule::add_loads(bool advance)
+{
+  if (touching_count == 0) return;
   double **f = atom->f, **torque = atom->torque;
-  int *type = atom->type;
-  const bool advance = !update->setupflag, energy = eflag_either;
-  double touching = 0.0, length = 0.0, closest = NONE_CLOSE;
-  CapsuleContact contact;
-  Stretch stretch;
-  Load load;
-  for (size_t m = 0; m < masters.size(); m++) {
-    const Segment &A = segments[masters[m]];
-    lost.clear();
-    for (int k = rows[m]; k < rows[m + 1]; k++) {
-      const Segment &B = segments[partners[k]];
-      double *h = &history[(size_t) k * HISTORY];
-      const bool fresh = h[0] == 0.0 && h[1] == 0.0 && h[2] == 0.0;
-      if (!meet(A, B, stretch)) {
-        if (advance && !fresh) {
-          lost.push_back({partners[k], {}});
-          std::copy(h, h + HISTORY, lost.back().history);
-          std::fill(h, h + 4, 0.0);
-        }
-        continue;
-      }
-      const Coefficients &c = of_types(type[A.first], type[B.first]);
-      press<SPIN>(A, B, stretch, c, h, advance, energy, contact, load);
-      if (advance && fresh && contact.normal > 0.0 && inherit(m, k))
-        press<SPIN>(A, B, stretch, c, h, advance, energy, contact, load);
-      const int beads[4] = {A.first, A.second, B.first, B.second};
-      for (int n = 0; n < 4; n++) {
-        double *F = f[beads[n]];
-        for (int d = 0; d < 3; d++) F[d] += load.force[n][d];
-        if (SPIN)
-          for (int d = 0; d < 3; d++) torque[beads[n]][d] += load.torque[n][d];
-      }
-      if (evflag) {
-        touching += 1.0;
-        length += contact.length;
-        closest = std::min(closest, contact.distance);
-        tally(A, B, contact, load);
-      }
+  press(pressing, touching_count);
+  for (int l = 0; l < touching_count; l++) {
+    const Beads &A = beads[masters[touching[l].master]], &B = beads[partners[touching[l].partner]];
+    const int on[4] = {A.first, A.second, B.first, B.second};
+    for (int n = 0; n < 4; n++)
+      for (int d = 0; d < 3; d++) f[on[n]][d] += pressing.force[n][d][l];
+    if (spin)
+      for (int n = 0; n < 4; n++)
+        for (int d = 0; d < 3; d++) torque[on[n]][d] += pressing.torque[n][d][l];
+    if (advance) {
+      const double *h = pressing.history[l];
+      held[touching[l].partner] = h[0] != 0.0 || h[1] != 0.0 || h[2] != 0.0;
+    }
+    if (evflag) {
+      contacts += two_sided ? 0.5 : 1.0;
+      contact_length += pressing.length[l];
+      closest = std::min(closest, pressing.distance[l]);
+      tally(on, pressing, l);
     }
   }
+  touching_count = 0;
+}
+
+void PairCapsule::add_forces()
+{
+  const bool advance = !update->setupflag;
+  pressing.advance = advance;
+  pressing.energy = eflag_either;
+  contacts = contact_length = 0.0;
+  closest = NONE_CLOSE;
+  candidate_count = touching_count = 0;
+  lost.clear();
+  lost_row = 0;
+  for (size_t m = 0; m < masters.size(); m++) {
+    const Segment *A = &segments[masters[m]];
+    for (int k = rows[m]; k < rows[m + 1]; k++) {
+      meeting.A[candidate_count] = A;
+      meeting.B[candidate_count] = &segments[partners[k]];
+      candidates[candidate_count++] = {(int) m, k};
+      if (candidate_count == LANES) sort_out(advance);
+    }
+  }
+  if (candidate_count > 0) sort_out(advance);
+  add_loads(advance);
   if (eflag_global) {
     // compute pair adds up over ranks: a least value is shared out
     MPI_Allreduce(MPI_IN_PLACE, &closest, 1, MPI_DOUBLE, MPI_MIN, world);
-    pvector[0] = touching;
+    pvector[0] = contacts;
     pvector[1] = closest / comm->nprocs;
-    pvector[2] = length;
+    pvector[2] = contact_length;
   }
 }
 
-void PairCapsule::tally(const Segment &A, const Segment &B, const CapsuleContact &contact, const Load &load)
+void PairCapsule::tally(const int *on, const PressLanes &all, int lane)
 {
-  if (eflag_global) eng_vdwl += contact.energy;
-  const int beads[4] = {A.first, A.second, B.first, B.second};
-  if (eflag_atom)
-    for (const int k : beads) eatom[k] += 0.25 * contact.energy;
+  if (eflag_either) {
+    const double energy = contact_of(all, lane).energy;
+    if (eflag_global) eng_vdwl += energy;
+    if (eflag_atom)
+      for (int n = 0; n < 4; n++) eatom[on[n]] += 0.25 * energy;
+  }
   if (!vflag_atom && !(vflag_global && !vflag_fdotr)) return;
   // the four forces add up to nothing, so any origin will do
   double v[6] = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
   for (int n = 0; n < 4; n++) {
-    const double *x = atom->x[beads[n]], *F = load.force[n];
+    const double *x = atom->x[on[n]], F[3] = {all.force[n][0][lane], all.force[n][1][lane], all.force[n][2][lane]};
     double r[3];
-    for (int d = 0; d < 3; d++) r[d] = x[d] - A.x[d];
+    for (int d = 0; d < 3; d++) r[d] = x[d] - all.A[lane]->x[d];
     v[0] += r[0] * F[0];
     v[1] += r[1] * F[1];
     v[2] += r[2] * F[2];
@@ -622,7 +566,7 @@ void PairCapsule::tally(const Segment &A, const Segment &B, const CapsuleContact
   for (int n = 0; n < 6; n++) {
     if (vflag_global && !vflag_fdotr) virial[n] += v[n];
     if (vflag_atom)
-      for (const int k : beads) vatom[k][n] += 0.25 * v[n];
+      for (int k = 0; k < 4; k++) vatom[on[k]][n] += 0.25 * v[n];
   }
 }
 
@@ -631,10 +575,7 @@ void PairCapsule::compute(int eflag, int vflag)
   ev_init(eflag, vflag);
   if (stale) find_pairs();
   place_segments();
-  if (spin)
-    add_forces<true>();
-  else
-    add_forces<false>();
+  add_forces();
   store->changed();
   if (vflag_fdotr) virial_fdotr_compute();
 }
@@ -647,43 +588,51 @@ double PairCapsule::single(int i, int j, int, int, double, double, double, doubl
     error->all(FLERR, "pair_style capsule: compute pair/local misses contacts of other ranks, use compute capsule/local");
   fforce = 0.0;
   for (int k = 0; k < single_extra; k++) svector[k] = 0.0;
-  const int a = atom->molecule[i] < atom->molecule[j] ? i : j, b = a == i ? j : i;
-  const auto row = row_of.find(atom->tag[a]);
-  if (row == row_of.end()) return 0.0;
-  CapsuleContact contact;
-  for (int k = rows[row->second]; k < rows[row->second + 1]; k++) {
-    if (atom->tag[segments[partners[k]].first] != atom->tag[b]) continue;
-    if (!look(row->second, k, contact)) break;
-    fforce = svector[0] = contact.normal;
-    for (int d = 0; d < 3; d++) svector[1 + d] = contact.friction[d];
-    svector[4] = contact.length;
-    svector[5] = contact.distance;
-    svector[6] = contact.angle();
-    return contact.energy;
+  int a = atom->molecule[i] < atom->molecule[j] ? i : j, b = a == i ? j : i;
+  double energy = 0.0;
+  for (int side = 0; side < (two_sided ? 2 : 1); side++, std::swap(a, b)) {
+    const auto row = row_of.find(atom->tag[a]);
+    if (row == row_of.end()) continue;
+    CapsuleContact contact;
+    for (int k = rows[row->second]; k < rows[row->second + 1]; k++) {
+      if (atom->tag[beads[partners[k]].first] != atom->tag[b]) continue;
+      if (!look(row->second, k, contact)) break;
+      fforce = svector[0] += contact.normal;
+      for (int d = 0; d < 3; d++) svector[1 + d] += side ? -contact.friction[d] : contact.friction[d];
+      svector[4] += contact.length;
+      svector[5] = svector[5] > 0.0 ? std::min(svector[5], contact.distance) : contact.distance;
+      svector[6] = contact.angle();
+      energy += contact.energy;
+      break;
+    }
   }
-  return 0.0;
+  return energy;
 }
 
 // the contact as it stands, history untouched
 bool PairCapsule::look(int m, int k, CapsuleContact &contact)
 {
-  const Segment &one = segments[masters[m]], &other = segments[partners[k]];
+  MeetLanes pair;
+  for (int l = 0; l < LANES; l++) {
+    pair.A[l] = &segments[masters[m]];
+    pair.B[l] = &segments[partners[k]];
+  }
+  if (!(kernels->meet(pair) & 1)) return false;
   double kept[HISTORY];
   std::copy(&history[(size_t) k * HISTORY], &history[(size_t) (k + 1) * HISTORY], kept);
-  Stretch stretch;
-  Load load;
-  if (!meet(one, other, stretch)) return false;
-  const Coefficients &c = of_types(atom->type[one.first], atom->type[other.first]);
-  if (spin)
-    press<true>(one, other, stretch, c, kept, false, true, contact, load);
-  else
-    press<false>(one, other, stretch, c, kept, false, true, contact, load);
+  PressLanes one;
+  one.advance = false;
+  one.energy = true;
+  fill(one, 0, {m, k}, pair.lo[0], pair.hi[0], kept);
+  press(one, 1);
+  contact = contact_of(one, 0);
   return true;
 }
 
 double PairCapsule::memory_usage()
 {
-  return (double) segments.capacity() * sizeof(Segment) + (double) history.capacity() * sizeof(double) +
+  return (double) segments.capacity() * sizeof(Segment) + (double) beads.capacity() * sizeof(Beads) +
+      (double) history.capacity() * sizeof(double) + (double) held.capacity() +
       (double) (partners.capacity() + rows.capacity() + masters.capacity()) * sizeof(int) +
       (double) near.capacity() * sizeof(SearchSegment);
 }

@@ -5,7 +5,7 @@
 // bead: the plane that halves the angle of its two segments), so no stretch counts twice or not at all. The force per
 // length is the normal law at the overlap there, integrated in closed limits (where overlap and planes begin and end) by
 // two Gauss points: exact for the linear law, parallel and crossing alike. One friction spring a pair of segments acts at
-// the middle of the force on the surface.
+// the middle of the force on the surface. Pairs are worked through eight at a time (capsule_lanes.h).
 
 #ifndef CGFIBRE_PAIR_CAPSULE_H
 #define CGFIBRE_PAIR_CAPSULE_H
@@ -13,6 +13,7 @@
 #include "atom.h"
 #include "pair.h"
 
+#include "capsule_lanes.h"
 #include "fix_history.h"
 #include "friction_law.h"
 #include "normal_law.h"
@@ -26,7 +27,7 @@ namespace cgfibre {
 
 class FixSegments;
 
-// what one pair of segments is found to do; forces on the segment of the lower molecule
+// what one pair of segments is found to do; forces on the first, of the lower molecule where pairs are found once
 struct CapsuleContact {
   double normal = 0.0;    // sum of the normal forces, nN
   double friction[3] = {0.0, 0.0, 0.0};
@@ -60,7 +61,7 @@ class PairCapsule : public LAMMPS_NS::Pair, public HistoryOwner {
   template <class Row> void for_contacts(Row row);
 
  private:
-  static constexpr int HISTORY = 6;    // friction spring (3), whether it slips, deepest overlap at the two points
+  static constexpr int HISTORY = PressLanes::HISTORY;
 
   struct Coefficients {
     NormalLaw law;
@@ -70,18 +71,9 @@ class PairCapsule : public LAMMPS_NS::Pair, public HistoryOwner {
     double sliding = 0.3;       // tangential over normal damping
     bool given = false;
   };
-  struct Segment {
-    double x[3], y[3], t[3], length, inverse, radius;    // first and second bead, from the one to the other
-    double v[3], dv[3];           // velocity at the first bead, and from the first to the second
-    double before[3], after[3];   // normals of the planes at its ends
-    int first, second, previous, following;    // beads, -1: none
+  struct Beads {    // of a segment and of those beside it, -1: none
+    int first, second, previous, following;
     int back, front;    // places of the segments before and behind, -1: not here
-  };
-  struct Stretch {    // of A in contact: |p0 + s m|^2 = C + D^2 + 2 Q s + M s^2 from B's axis, lo < s < hi
-    double p0[3], m[3], b, e, C, Q, M, lo, hi;
-  };
-  struct Load {    // on the four beads, and couples for rods
-    double force[4][3], torque[4][3];
   };
 
   struct Ended {    // a contact that has just ended
@@ -91,17 +83,31 @@ class PairCapsule : public LAMMPS_NS::Pair, public HistoryOwner {
 
   double reach;    // longest segment that touches, um
   bool spin;       // beads turn with the filament
+  bool two_sided;  // every pair is found twice, from either segment, with half the force
   std::vector<Coefficients> coefficients;    // of pairs of types
   std::vector<char> active;                  // types whose segments touch
 
+  const LaneKernels *kernels;
   FixSegments *chain;
   FixHistory *store;
   std::vector<Segment> segments;      // that are in some pair
+  std::vector<Beads> beads;           // of theirs
   std::vector<int> masters, rows;     // segment of a row of partners, start of the row
   std::vector<int> partners;
   std::vector<double> history;        // HISTORY values a partner
+  std::vector<char> held;             // whether its friction spring is stretched
   std::vector<SearchSegment> near;
   std::vector<Ended> lost;    // of one row in this step
+  std::size_t lost_row;
+  // candidates and stretches in contact that wait for their lanes to be full
+  MeetLanes meeting;
+  PressLanes pressing;
+  struct Waiting {
+    int master, partner;    // index of the row, of the pair
+  };
+  Waiting candidates[LANES], touching[LANES];
+  int candidate_count, touching_count;
+  double contacts, contact_length, closest;
   std::unordered_map<LAMMPS_NS::tagint, int> row_of;    // by the first bead's tag
   SegmentSearch search;
   bool stale;    // neighbour lists are new: pairs have to be found again
@@ -114,14 +120,16 @@ class PairCapsule : public LAMMPS_NS::Pair, public HistoryOwner {
   void allocate();
   void find_pairs();
   void place_segments();
-  static bool meet(const Segment &, const Segment &, Stretch &);
-  template <bool SPIN>
-  void press(const Segment &, const Segment &, const Stretch &, const Coefficients &, double *, bool, bool, CapsuleContact &,
-             Load &) const;
-  bool inherit(std::size_t, int);
-  template <bool SPIN> void add_forces();
+  void carry_with_box();
+  void fill(PressLanes &, int lane, const Waiting &, double lo, double hi, double *h) const;
+  void press(PressLanes &, int count) const;
+  CapsuleContact contact_of(const PressLanes &, int lane) const;
+  void inherit(std::size_t, int);
+  void sort_out(bool advance);
+  void add_forces();
+  void add_loads(bool advance);
   bool look(int, int, CapsuleContact &);
-  void tally(const Segment &, const Segment &, const CapsuleContact &, const Load &);
+  void tally(const int *, const PressLanes &, int lane);
 };
 
 template <class Row> void PairCapsule::for_contacts(Row row)
@@ -130,7 +138,7 @@ template <class Row> void PairCapsule::for_contacts(Row row)
   CapsuleContact contact;
   for (std::size_t m = 0; m < masters.size(); m++)
     for (int k = rows[m]; k < rows[m + 1]; k++) {
-      const Segment &one = segments[masters[m]], &other = segments[partners[k]];
+      const Beads &one = beads[masters[m]], &other = beads[partners[k]];
       if (look(m, k, contact)) row(one.first, other.first, contact);
     }
 }

@@ -1,12 +1,14 @@
 // The styles of the plugin, and what LAMMPS calls when it loads the library.
 #include "about.h"
 #include "compute_capsule_local.h"
+#include "compute_rod_energy.h"
 #include "fix_history.h"
 #include "fix_segments.h"
 #include "fix_disc_support.h"
 #include "fix_wall_capsule.h"
 #include "fix_wall_granular_table.h"
 #include "guard.h"
+#include "improper_ribbon.h"
 #include "pair_capsule.h"
 #include "pair_granular_table.h"
 
@@ -37,6 +39,8 @@ const Entry entries[] = {
     {"fix", "wall/granular/table", "wall for granular/table", nullptr, &create_of<cgfibre::FixWallGranularTable>},
     {"fix", "disc/support", "springs, drag of the discs of a section", nullptr, &create_of<cgfibre::FixDiscSupport>},
     {"compute", "capsule/local", "contacts of pair capsule", nullptr, &create_of<cgfibre::ComputeCapsuleLocal>},
+    {"compute", "rod/energy", "elastic energy of rods", nullptr, &create_of<cgfibre::ComputeRodEnergy>},
+    {"improper", "ribbon", "bending of a ribbon in its plane", &create<cgfibre::ImproperRibbon>, nullptr},
     {"fix", "CGFIBRE/SEGMENTS", "which bead follows which", nullptr, &create_of<cgfibre::FixSegments>},
     {"fix", "CGFIBRE/HISTORY", "histories of contacts", nullptr, &create_of<cgfibre::FixHistory>},
 };

@@ -14,15 +14,15 @@ namespace cgfibre {
 struct SearchSegment {
   int bead;          // index of the first bead
   int molecule;      // of the filament; segments of one filament are never paired
-  bool owned;        // its pairs are asked for (as the one of the lower molecule)
+  bool owned;        // its pairs are asked for (as the first)
   double from[3], to[3], radius;
 };
 
 class SegmentSearch {
  public:
-  // calls found(a, b): segments (indices into the list) of different molecules, molecule(a) < molecule(b), a owned, whose
-  // axes come nearer than their radii and the skin; every pair once, the pairs of one a in a row
-  template <class Found> void pairs(const std::vector<SearchSegment> &, double skin, Found found);
+  // calls found(a, b): segments (indices into the list) of different molecules, a owned, whose axes come nearer than their
+  // radii and the skin, the pairs of one a in a row; every pair once, molecule(a) < molecule(b), or (`both`) either way
+  template <class Found> void pairs(const std::vector<SearchSegment> &, double skin, bool both, Found found);
 
  private:
   struct Piece {
@@ -45,7 +45,7 @@ class SegmentSearch {
 double segment_distance2(const double *p1, const double *q1, const double *p2, const double *q2);
 
 template <class Found>
-void SegmentSearch::pairs(const std::vector<SearchSegment> &segments, double skin, Found found)
+void SegmentSearch::pairs(const std::vector<SearchSegment> &segments, double skin, bool both, Found found)
 {
   if (segments.empty()) return;
   sort_into_cells(segments, skin);
@@ -77,7 +77,7 @@ void SegmentSearch::pairs(const std::vector<SearchSegment> &segments, double ski
           for (; lo < pieces.size() && pieces[lo].cell <= end; lo++) {
             const int b = pieces[lo].segment;
             const SearchSegment &other = segments[b];
-            if (other.molecule <= one.molecule || last[b] == a) continue;
+            if (other.molecule == one.molecule || (!both && other.molecule < one.molecule) || last[b] == a) continue;
             last[b] = a;
             const double reach = one.radius + other.radius + skin;
             if (segment_distance2(one.from, one.to, other.from, other.to) < reach * reach) found(a, b);

@@ -38,7 +38,9 @@ from pydantic_core import CoreSchema, core_schema
 
 from cgfibre import units
 from cgfibre.errors import InputError
-from cgfibre.scene import Table, joined_overrides, meant, read_toml, shipped_scenes, validated
+from cgfibre.scene import Table
+from cgfibre.scene_messages import meant
+from cgfibre.scene_reading import joined_overrides, read_toml, shipped_scenes, validated
 from cgfibre.scene_values import NOT_GIVEN, Abridged, Value, refusal
 
 #: kind of load -> (engine unit, unit of tables and plots, engine units in one of these)

@@ -18,7 +18,8 @@ from cgfibre.errors import EngineError, InputError
 from cgfibre.measure.ensemble import Difference, Ensemble, mean_of
 from cgfibre.measure.friction_power import FrictionFit
 from cgfibre.mechanics.compaction_laws import THESIS_DRY, THESIS_WET, FrictionPower
-from cgfibre.scene import Bundle, Scene, joined_overrides, read_toml
+from cgfibre.scene import Bundle, Scene
+from cgfibre.scene_reading import joined_overrides, read_toml
 from cgfibre.study.file import LOADS, Cell, Study, cells, load_study, slug
 from cgfibre.study.outcome import (
     CaseFound,
