@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from cgfibre import plot_fabric, plot_weave, store
 from cgfibre.build.system import FilamentSystem
@@ -73,7 +74,7 @@ def results_of(scene: str | Path, folder: Path, overrides: Sequence[str] = ()) -
     return store.read_results(folder / "results.h5")
 
 
-def figure_plane(pressed: Mapping[str, store.Results], sheared: Mapping[str, store.Results]) -> plot_fabric.Figure:
+def figure_plane(pressed: Mapping[str, store.Results], sheared: Mapping[str, store.Results]) -> Figure:
     """Thickness against pressure of weaves loaded in their plane; the couple against the shear of a trellis, with the
     closed form's angle from which on tows press on each other beside their crossings."""
     fig = new_figure(10.5, 4.0)
@@ -83,6 +84,7 @@ def figure_plane(pressed: Mapping[str, store.Results], sheared: Mapping[str, sto
             on = r.curve.loading
             left.plot(r.curve["pressure_MPa"][on], 1e-3 * r.curve["thickness_um"][on], label=name)
         left.set_xlim(0, 0.2)
+        left.locator_params(nbins=6)
         left.set_ylim(2.22, 2.405)
         left.set_xlabel("pressure (MPa)")
         left.set_ylabel("thickness (mm)")
