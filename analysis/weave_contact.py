@@ -7,7 +7,8 @@ variant. Runs that lie in the folder already are found again, one that was stopp
 finest beads take most. ``--table``: no runs, tables and the figure docs/figures/fabric_contact.png of what is there.
 
 The error of a variant is the difference of its thickness to that of the reference (finer capsules under a slower
-platen) at the same pressure and of the same specimen. Filaments that give way make a single pair of curves differ by
+platen) at the same pressure and of the same specimen; that of its contacts alone the difference to the finer capsules
+under a platen as fast. Filaments that give way make a single pair of curves differ by
 more than any variant's fault: a specimen moved by 1e-6 um shows by how much. So errors are the mean over specimens,
 with its standard error, and what is compared is that mean curve.
 """
@@ -18,6 +19,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +27,9 @@ from cgfibre import store
 from cgfibre.build.system import FloatArray
 from cgfibre.plot import new_figure
 from cgfibre.sweep import SweepOptions, SweepRun, run_all
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 ROOT = Path(__file__).resolve().parents[1]
 FIGURE = ROOT / "docs" / "figures" / "fabric_contact.png"
@@ -90,6 +95,11 @@ class Cell:
         """The variant that the others are compared with."""
         return next(iter(self.variants))
 
+    def beside(self, variant: Variant) -> Variant | None:
+        """The finer capsules under a platen as fast; None where they are not run."""
+        finer = Variant("capsule", 0.5, variant.pace)
+        return finer if finer in self.variants and variant != finer else None
+
     def run(self, out: Path, variant: Variant, specimen: int, moved: bool = False) -> SweepRun:
         """One run, planned."""
         spacing = self.spacing + (MOVED if moved else 0.0)
@@ -117,6 +127,7 @@ CELLS = {
             Variant("capsule", 0.5, 0.25): 8,
             Variant("capsule", 0.25): 4,
             FINER: 8,
+            Variant("capsule", 0.5, 2): 8,
             Variant("capsule", 0, 0.25): 8,
             Variant("capsule", 0, 0.5): 8,
             CAPSULES: 8,
@@ -138,17 +149,19 @@ CELLS = {
     "30": Cell(
         30,
         {
-            Variant("capsule", 0.5, 0.5): 4,
-            FINER: 4,
-            Variant("capsule", 0, 0.5): 4,
-            CAPSULES: 4,
-            Variant("capsule", 0, 2): 4,
-            Variant("capsule", 0, 4): 4,
-            Variant("beads", 1): 4,
-            Variant("beads", 0.5): 4,
+            Variant("capsule", 0.5, 0.5): 6,
+            FINER: 6,
+            Variant("capsule", 0.5, 2): 6,
+            Variant("capsule", 0, 0.5): 6,
+            CAPSULES: 6,
+            Variant("capsule", 0, 2): 6,
+            Variant("capsule", 0, 4): 6,
+            Variant("beads", 1): 6,
+            Variant("beads", 0.5): 6,
+            Variant("beads", 0.5, 2): 6,
             Variant("beads", 0.25): 2,
         },
-        {CAPSULES: 4},
+        {CAPSULES: 6},
     ),
 }
 
@@ -194,16 +207,12 @@ def rms(values: FloatArray) -> float:
 
 
 @dataclass(frozen=True)
-class Row:
-    """A variant against the reference: ``specimens``, processor seconds, beads and steps of one run; mean error (um) at
-    TOLD and its standard error; ``bias``: r.m.s. over PRESSURES of the mean error, ``noise`` of its standard error,
-    ``single`` of one specimen's error; ``share`` of the displacement that the bias is."""
+class Against:
+    """Thickness of a variant less that of another: ``specimens`` that both pressed; mean error (um) at TOLD and its
+    standard error; ``bias``: r.m.s. over PRESSURES of the mean error, ``noise``: that of its standard error, ``single``
+    that of one specimen's error; ``share`` of the displacement that the bias is."""
 
-    variant: Variant
     specimens: int
-    cpu: float
-    beads: int
-    steps: int
     told: FloatArray
     told_error: FloatArray
     bias: float
@@ -211,39 +220,64 @@ class Row:
     single: float
     share: float
 
-    @property
-    def error(self) -> float:
-        """The bias without what scatter alone makes of it, um."""
-        return float(np.sqrt(max(self.bias**2 - self.noise**2, 0.0)))
+
+@dataclass(frozen=True)
+class Row:
+    """A variant: processor seconds, beads and steps of one run; all of its error, and that of its contacts."""
+
+    variant: Variant
+    cpu: float
+    beads: int
+    steps: int
+    whole: Against
+    contact: Against | None
 
 
-def row_of(cell: Cell, out: Path, variant: Variant, against: Variant, n: int) -> Row | None:
-    """A variant against another over the specimens that both have; None where there are none."""
+def against(cell: Cell, out: Path, variant: Variant, other: Variant) -> Against | None:
+    """A variant against another; None where no specimen was pressed by both."""
     pairs = []
-    for k in range(1, n + 1):
-        one, other = (pressed(cell.folder(out, v, k)) for v in (variant, against))
-        if one and other:
-            pairs.append((one, other))
+    for k in range(1, cell.variants[variant] + 1):
+        one, two = (pressed(cell.folder(out, v, k)) for v in (variant, other))
+        if one and two:
+            pairs.append((one, two))
     if not pairs:
         return None
     error = np.array([a.thickness - b.thickness for a, b in pairs])
     told = np.array([a.told - b.told for a, b in pairs])
-    few = np.sqrt(len(pairs))
-    spread = np.nanstd(error, axis=0, ddof=1) / few if len(pairs) > 1 else np.full(error.shape[1], np.nan)
     bias = rms(np.nanmean(error, axis=0))
     way = float(np.mean([b.built - np.nanmean(b.thickness) for _, b in pairs]))
-    return Row(
-        variant,
+    return Against(
         len(pairs),
-        float(np.mean([a.cpu for a, _ in pairs])),
-        int(np.mean([a.beads for a, _ in pairs])),
-        int(np.mean([a.steps for a, _ in pairs])),
         np.nanmean(told, axis=0),
-        np.nanstd(told, axis=0, ddof=1) / few if len(pairs) > 1 else np.full(3, np.nan),
+        standard_error(told),
         bias,
-        rms(spread),
+        rms(standard_error(error)),
         rms(error),
         bias / way,
+    )
+
+
+def standard_error(values: FloatArray) -> FloatArray:
+    """Of the mean over the first axis; nan for one value."""
+    few = len(values)
+    return np.nanstd(values, axis=0, ddof=1) / few**0.5 if few > 1 else np.full(values.shape[1], np.nan)
+
+
+def row_of(cell: Cell, out: Path, variant: Variant) -> Row | None:
+    """A variant of a cell; None where it was not run."""
+    runs = [pressed(cell.folder(out, variant, k)) for k in range(1, cell.variants[variant] + 1)]
+    have = [run for run in runs if run]
+    whole = against(cell, out, variant, cell.reference)
+    if whole is None:
+        return None
+    beside = cell.beside(variant)
+    return Row(
+        variant,
+        float(np.mean([run.cpu for run in have])),
+        int(np.mean([run.beads for run in have])),
+        int(np.mean([run.steps for run in have])),
+        whole,
+        against(cell, out, variant, beside) if beside else None,
     )
 
 
@@ -264,83 +298,80 @@ def scatter(cell: Cell, out: Path, variant: Variant) -> tuple[int, float, FloatA
 
 
 def rows_of(cell: Cell, out: Path) -> list[Row]:
-    """Every variant against the cell's reference."""
-    found = [row_of(cell, out, v, cell.reference, n) for v, n in cell.variants.items() if v != cell.reference]
+    """Every variant but the reference, cheap ones first."""
+    found = [row_of(cell, out, v) for v in cell.variants if v != cell.reference]
     return sorted((r for r in found if r), key=lambda r: r.cpu)
 
 
 def text_of(cell: Cell, out: Path) -> str:
     """Tables of a cell."""
-    r = [pressed(cell.folder(out, cell.reference, k)) for k in range(1, cell.variants[cell.reference] + 1)]
-    have = [x for x in r if x]
-    lines = [f"cell of {cell.filaments} filaments a yarn"]
+    runs = [pressed(cell.folder(out, cell.reference, k)) for k in range(1, cell.variants[cell.reference] + 1)]
+    have = [run for run in runs if run]
+    lines = [f"Yarns of {cell.filaments} filaments"]
     if have:
-        mean = np.mean([x.told for x in have], axis=0)
-        spread = np.std([x.told for x in have], axis=0, ddof=1) if len(have) > 1 else np.full(3, np.nan)
-        lines.append(
-            f"reference {cell.reference.name}, {len(have)} specimens, {np.mean([x.cpu for x in have]):.0f} CPU s: "
-            f"{' '.join(f'{t:.0f} +- {s:.0f}' for t, s in zip(mean, spread, strict=True))} um at {TOLD} MPa (s.d.)"
-        )
-    lines.append(
-        "| variant | specimens | beads | steps | CPU s | error at 0.05, 0.1, 0.2 MPa, um | r.m.s. of the mean "
-        "curve, um (of displacement) | without scatter | one specimen |"
-    )
-    lines.append("|" + "---|" * 9)
-    for row in rows_of(cell, out):
-        told = ", ".join(f"{e:+.1f} ± {s:.1f}" for e, s in zip(row.told, row.told_error, strict=True))
-        lines.append(
-            f"| {row.variant.name} | {row.specimens} | {row.beads} | {row.steps} | {row.cpu:.3g} | {told} | "
-            f"{row.bias:.1f} ± {row.noise:.1f} ({row.share:.1%}) | {row.error:.1f} | {row.single:.1f} |"
-        )
+        told = np.array([run.told for run in have])
+        spread = told.std(axis=0, ddof=1) if len(have) > 1 else np.full(3, np.nan)
+        each = ", ".join(f"{t:.0f} ± {s:.0f}" for t, s in zip(told.mean(axis=0), spread, strict=True))
+        cpu = np.mean([run.cpu for run in have])
+        lines.append(f"{cell.reference.name}: {each} um (± between {len(have)} specimens), {cpu:.0f} CPU s")
+    head = "| variant | specimens | beads | steps | CPU s | "
+    head += "its contacts, um: at 0.05, 0.1, 0.2 MPa; r.m.s. (of displacement) | all of it |"
+    lines += [head, "|" + "---|" * 7]
+
+    def words(a: Against | None) -> str:
+        if a is None:
+            return ""
+        at = ", ".join(f"{e:+.1f} ± {s:.1f}" for e, s in zip(a.told, a.told_error, strict=True))
+        return f"{at}; {a.bias:.1f} ± {a.noise:.1f} ({a.share:.1%}), one specimen {a.single:.1f}"
+
+    for r in rows_of(cell, out):
+        few = r.whole.specimens
+        start = f"| {r.variant.name} | {few} | {r.beads} | {r.steps} | {r.cpu:.3g} | "
+        lines.append(f"{start}{words(r.contact)} | {words(r.whole)} |")
     for variant in cell.moved:
         found = scatter(cell, out, variant)
         if found:
-            told = ", ".join(f"{x:.1f}" for x in found[2])
-            lines.append(f"moved by 1e-6 um: {variant.name}, {found[0]} specimens: r.m.s. {found[1]:.1f} um; {told} um")
+            each = ", ".join(f"{x:.1f}" for x in found[2])
+            lines.append(f"moved by 1e-6 um: {variant.name}, {found[0]} specimens: r.m.s. {found[1]:.1f} um; {each} um")
     return "\n".join(lines)
 
 
-COLOURS = {"capsule": "C0", "beads": "C3"}
+COLOURS, MARKS = {"capsule": "C0", "beads": "C3"}, {"capsule": "o", "beads": "s"}
+SMALL: dict[str, Any] = {"fontsize": 7, "color": "0.4", "va": "bottom"}
 
 
 def draw(cells: Sequence[Cell], out: Path) -> None:
-    """Error against processor time, one panel a cell."""
-    figure = new_figure(4.6 * len(cells), 3.9)
+    """Errors against processor time: of the contacts above, all of them below, a column a cell."""
+    figure = new_figure(4.6 * len(cells), 6.4)
     for place, cell in enumerate(cells):
-        ax = figure.add_subplot(1, len(cells), place + 1)
-        for row in rows_of(cell, out):
-            own = COLOURS[row.variant.shape]
-            high, low = row.bias + row.noise, max(row.bias - row.noise, 0.3)
-            ax.plot([row.cpu, row.cpu], [low, high], color=own, lw=0.8)
-            ax.plot(row.cpu, row.bias, "o" if row.variant.shape == "capsule" else "s", color=own, ms=4)
-            name = f"{row.variant.share:g} D" if row.variant.share else "auto"
-            if row.variant.pace != 1:
-                name += f", v x {row.variant.pace:g}"
-            ax.annotate(name, (row.cpu, row.bias), xytext=(4, 2), textcoords="offset points", fontsize=7, color=own)
-        found = [scatter(cell, out, v) for v in cell.moved]
-        known = [f[1] for f in found if f]
-        if known:
-            ax.axhline(known[0], color="0.6", ls=":", lw=1)
-            ax.annotate(
-                "one run's scatter",
-                (0.99, known[0]),
-                xycoords=("axes fraction", "data"),
-                ha="right",
-                va="bottom",
-                fontsize=7,
-                color="0.4",
-            )
-        ax.set(
-            xscale="log",
-            yscale="log",
-            xlabel="engine, CPU s",
-            ylabel="error of the mean curve, um",
-            title=f"2 x 2 yarns of {cell.filaments} filaments",
-        )
-        for shape, own in COLOURS.items():
-            ax.plot([], [], "o" if shape == "capsule" else "s", color=own, ms=4, label=f"{shape}s".replace("ss", "s"))
-        ax.legend(fontsize=7, loc="upper right")
+        known = [f[1] for f in (scatter(cell, out, v) for v in cell.moved) if f]
+        rows = rows_of(cell, out)
+        for part, title in enumerate(("contacts alone", "with the platen's speed")):
+            ax = figure.add_subplot(2, len(cells), part * len(cells) + place + 1)
+            for row in rows:
+                if (error := row.whole if part else row.contact) is not None:
+                    _mark(ax, row, error)
+            if known:
+                ax.axhline(known[0], color="0.6", ls=":", lw=1)
+                ax.text(0.99, known[0], "scatter of one run", transform=ax.get_yaxis_transform(), ha="right", **SMALL)
+            ax.set(xscale="log", yscale="log", ylabel="error of the mean curve, um")
+            ax.set_title(f"{cell.filaments} filaments a yarn, {title}", fontsize=9)
+            if part:
+                ax.set_xlabel("engine, CPU s")
+            for shape, own in COLOURS.items():
+                name = "capsules" if shape == "capsule" else shape
+                ax.plot([], [], MARKS[shape], color=own, ms=4, label=name)
+            ax.legend(fontsize=7)
     figure.savefig(FIGURE, dpi=90)
+
+
+def _mark(ax: Axes, row: Row, error: Against) -> None:
+    own = COLOURS[row.variant.shape]
+    ax.plot([row.cpu] * 2, [max(error.bias - error.noise, 0.1), error.bias + error.noise], color=own, lw=0.8)
+    ax.plot(row.cpu, error.bias, MARKS[row.variant.shape], color=own, ms=4)
+    name = f"{row.variant.share:g} D" if row.variant.share else "auto"
+    name += f", v x {row.variant.pace:g}" if row.variant.pace != 1 else ""
+    ax.annotate(name, (row.cpu, error.bias), xytext=(4, 2), textcoords="offset points", color=own, fontsize=7)
 
 
 def told(done: float, total: float, last: str) -> None:

@@ -199,7 +199,9 @@ def test_rods_as_chains_do_where_nothing_twists(weave):
     assert np.allclose(thickness(rod), thickness(chain), rtol=1e-3)
     c = rod.curve
     assert c["kinetic_J"][1] < 1e-6 * c["work_J"][-1] and abs(c["stored_J"][1]) < 1e-6 * c["work_J"][-1]
-    assert c["stored_J"][-1] == pytest.approx(chain.curve["stored_J"][-1], rel=0.05)
+    at = 0.9 * min(c["displacement_um"][-1], chain.curve["displacement_um"][-1])
+    stored = [np.interp(at, curve["displacement_um"], curve["stored_J"]) for curve in (c, chain.curve)]
+    assert stored[0] == pytest.approx(stored[1], rel=0.05)
     roll = next(g for g in rod.review.guards if g.name == "roll of rods")
     assert roll.ok and 0 < roll.value < 0.02
     finer = weave("finer", slow | {"model.spacing": "225 um"})
@@ -279,7 +281,8 @@ def test_rods_of_a_twill_roll_a_little(weave):
     assert np.allclose(thickness(patch), thickness(cell), rtol=1e-3)
     for result in (cell, patch):
         roll = next(g for g in result.review.guards if g.name == "roll of rods")
-        assert result.trusted and 0.005 < roll.value < 0.05
+        assert result.trusted, result.summary["warnings"]
+        assert 0.005 < roll.value < 0.05
 
 
 @with_plugin

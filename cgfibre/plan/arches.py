@@ -16,7 +16,8 @@ def arches(scene: Scene, system: FilamentSystem, softening: float) -> Callable[[
     goes down by half of it.
 
     The sum of :func:`arch_force` over all passages of tows from side to side, over the crossings. ``softening`` divides
-    EA. Tows along which the cell is free, or pulled at, have nothing to push against and bend alone.
+    EA. Tows with floats, and those along which the cell is free, or pulled at, have nothing to push against and bend
+    alone.
     """
     w = scene.weave
     EA, EI = (np.array([getattr(t, name) for t in system.types]) for name in ("EA", "EI"))
@@ -32,7 +33,9 @@ def arches(scene: Scene, system: FilamentSystem, softening: float) -> Callable[[
             continue
         kind = system.filament_type[members]
         flank = w.spacing.weft if warp else w.spacing.warp
-        axial = float(EA[kind].sum()) / softening if _held(scene, warp) else 0.0
+        # beside a float the thrust finds room
+        floats = row[0] < (w.tows.weft if warp else w.tows.warp) - (not closed)
+        axial = float(EA[kind].sum()) / softening if _held(scene, warp) and not floats else 0.0
         rows.append((*row, axial, float(EI[kind].sum()), flank))
     crossings = w.tows.warp * w.tows.weft
     passages, *shapes = np.array(rows).reshape(-1, 7).T  # all tows at once: the planner asks thousands of times
