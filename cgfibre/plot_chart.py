@@ -92,12 +92,17 @@ def plot_chart(ax: Axes, points: Sequence[ChartPoint], goal: float | None = None
         if any(not p.trusted for p in drawn):
             ax.plot([], [], "o", ms=7, mfc="white", mec=GREY, label="distrusted by a guard")
         _name_points(ax, drawn)
-        ax.set_xlabel("Processor time of the engine (s)")
-        ax.set_ylabel("Error (%)")
-        _decade_ticks(ax)
-        ax.margins(x=0.12, y=0.12)
-        ax.legend(loc="best")
+        _label(ax, "Error (%)")
     return ax
+
+
+def _label(ax: Axes, error: str) -> None:
+    """Axes of an ``error`` against processor time, ticks, room and legend."""
+    ax.set_xlabel("Processor time of the engine (s)")
+    ax.set_ylabel(error)
+    _decade_ticks(ax)
+    ax.margins(x=0.12, y=0.12)
+    ax.legend(loc="best")
 
 
 def _decade_ticks(ax: Axes) -> None:
@@ -192,11 +197,7 @@ def plot_trials(ax: Axes, trials: Sequence[Trial], names: Sequence[str] = ()) ->
                 ax.plot(x, y, marker, ls=("-", "--", ":")[k % 3], color=colour, mfc=face, lw=1.4, label=label)
                 for c, e, name in line:
                     ax.annotate(name, (c, e), xytext=(6, 5), textcoords="offset points", fontsize=9, color=INK)
-        ax.set_xlabel("Processor time of the engine (s)")
-        ax.set_ylabel("Error against the closed form (%)")
-        _decade_ticks(ax)
-        ax.margins(x=0.12, y=0.12)
-        ax.legend(loc="best")
+        _label(ax, "Error against the closed form (%)")
     return ax
 
 

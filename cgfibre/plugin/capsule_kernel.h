@@ -67,6 +67,23 @@ struct Pointers {
   }
 };
 
+// A's point at arc length s lies p0 + s m from B's axis, |p0 + s m|^2 = C + D^2 + 2 Q s + M s^2, beside B's point e + b s
+struct Pair {
+  Lanes p0[3], m[3], b, e, C, Q, M;
+  LANE_INLINE Pair(const Lanes *w, const Lanes *At, const Lanes *Bt, Lanes D)
+  {
+    b = dot3(At, Bt);
+    e = dot3(w, Bt);
+    for (int d = 0; d < 3; d++) {
+      p0[d] = w[d] - e * Bt[d];
+      m[d] = At[d] - b * Bt[d];
+    }
+    C = dot3(p0, p0) - D * D;
+    Q = dot3(p0, m);
+    M = greater(dot3(m, m), every(1e-14));
+  }
+};
+
 constexpr double SLIVER = 1e-9;    // of a segment: a shorter stretch is rounding
 
 // the part of [lo, hi] where alpha + beta s >= 0; `edge`: whether a stretch that lies in the plane belongs to it
@@ -101,13 +118,8 @@ LANE_INLINE unsigned meet_group(MeetLanes &all, int first)
   if (bits(~beside) == 0) return 0;
 
   const Lanes D = gather1(A.at, RADIUS) + gather1(B.at, RADIUS);
-  const Lanes b = dot3(At, Bt), e = dot3(w, Bt);
-  Lanes p0[3], m[3];
-  for (int d = 0; d < 3; d++) {
-    p0[d] = w[d] - e * Bt[d];
-    m[d] = At[d] - b * Bt[d];
-  }
-  const Lanes C = dot3(p0, p0) - D * D, Q = dot3(p0, m), M = greater(dot3(m, m), every(1e-14));
+  const Pair pair(w, At, Bt, D);
+  const Lanes C = pair.C, Q = pair.Q, M = pair.M;
   const Lanes root2 = Q * Q - M * C;
   const Lanes half = root(greater(root2, every(0.0))), q = -(Q >= 0.0 ? Q + half : Q - half);
   const Lanes s1 = q / M, s2 = C / q;
@@ -117,6 +129,13 @@ LANE_INLINE unsigned meet_group(MeetLanes &all, int first)
   keep(all.lo + first, lo);
   keep(all.hi + first, hi);
   return bits(~beside & (root2 > 0.0) & (hi - lo > SLIVER * Alength));
+}
+
+// part of the line law in the force of a lens shorter than LONG_LENS: 0 short, 1 long, smooth
+LANE_INLINE Lanes line_share(Lanes w_over_R)
+{
+  const Lanes t = (w_over_R - SHORT_LENS) * (1.0 / (LONG_LENS - SHORT_LENS));
+  return w_over_R <= SHORT_LENS ? every(0.0) : t * t * (3.0 - 2.0 * t);
 }
 
 // Johnson's line law, see LineCurve
@@ -140,7 +159,7 @@ template <bool SPIN> LANE_INLINE void press_group(PressLanes &all, int first, co
 {
   const Pointers pA(all.A + first), pB(all.B + first);
   const double *const *A = pA.at, *const *B = pB.at;
-  Lanes Ax[3], At[3], Bx[3], Bt[3], Av[3], Adv[3], Bv[3], Bdv[3], w[3], p0[3], m[3];
+  Lanes Ax[3], At[3], Bx[3], Bt[3], Av[3], Adv[3], Bv[3], Bdv[3], w[3];
   gather(A, X, Ax);
   gather(A, T, At);
   gather(B, X, Bx);
@@ -156,12 +175,8 @@ template <bool SPIN> LANE_INLINE void press_group(PressLanes &all, int first, co
     w[d] = Ax[d] - Bx[d];
     Av[d] -= Bv[d];    // A's motion against B at their first beads
   }
-  const Lanes b = dot3(At, Bt), e = dot3(w, Bt);
-  for (int d = 0; d < 3; d++) {
-    p0[d] = w[d] - e * Bt[d];
-    m[d] = At[d] - b * Bt[d];
-  }
-  const Lanes C = dot3(p0, p0) - D * D, Q = dot3(p0, m), M = greater(dot3(m, m), every(1e-14));
+  const Pair pair(w, At, Bt, D);
+  const Lanes *p0 = pair.p0, *m = pair.m, b = pair.b, e = pair.e, C = pair.C, Q = pair.Q, M = pair.M;
   const Lanes half = 0.5 * (hi - lo), middle = 0.5 * (hi + lo), zero{};
 
   // crossing at an angle: Hertz' ellipse as a lens of linear springs, see crossing_law.h
@@ -174,9 +189,7 @@ template <bool SPIN> LANE_INLINE void press_group(PressLanes &all, int first, co
   if (bits(crossing)) {
     const Lanes within = crossing ? lens2 : zero, across = crossing ? M : every(1.0);
     const Lanes ratio = root(within / across) / harmonic;    // half width of the whole lens
-    const Lanes step = (ratio - SHORT_LENS) * (1.0 / (LONG_LENS - SHORT_LENS));
-    const Lanes smooth = step * step * (3.0 - 2.0 * step);
-    share = crossing ? (ratio <= SHORT_LENS ? zero : smooth) : share;
+    share = crossing ? line_share(ratio) : share;
     // Hertz' force over the lens' area, with the powers of a vanishing overlap taken out of it
     const Lanes open = D + root(greater(zero, D * D - within));
     alignas(64) double shape[WIDTH];

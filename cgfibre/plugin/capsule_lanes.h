@@ -19,8 +19,9 @@ struct alignas(64) Segment {
   double v[3], dv[3], unused[2];              // velocity at the first bead, and from the first to the second
 };
 
-// Whether segments A (of the lower molecules, or either way) meet segments B, and between which arc lengths of A. The squared distance of A's
-// point at arc length s from B's axis is a parabola in s, so the stretch in contact has closed limits.
+// Whether segments A (of the lower molecules, or either way) meet segments B, and between which arc lengths of A. The
+// squared distance of A's point at arc length s from B's axis is a parabola in s, so the stretch in contact has closed
+// limits.
 struct MeetLanes {
   const Segment *A[LANES], *B[LANES];
   alignas(64) double lo[LANES], hi[LANES];

@@ -16,15 +16,6 @@ constexpr double SHORT_LENS = 0.25, LONG_LENS = 1.0;    // w/R
 // g of Hertz' F = E* sqrt(Re) g delta^1.5, with 1/Re = (1/r1 + 1/r2)/2 and sin^2 = Re^2 sin^2(angle)/(r1 r2); 4/3 at 90 deg
 double hertz_shape(double sin2);
 
-// part of the line law in the force of a lens of half width w: 0 short, 1 long, smooth
-inline double line_share(double w_over_R)
-{
-  if (w_over_R <= SHORT_LENS) return 0.0;
-  if (w_over_R >= LONG_LENS) return 1.0;
-  const double t = (w_over_R - SHORT_LENS) / (LONG_LENS - SHORT_LENS);
-  return t * t * (3.0 - 2.0 * t);
-}
-
 }    // namespace cgfibre
 
 #endif

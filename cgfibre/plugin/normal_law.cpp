@@ -94,14 +94,9 @@ double LineCurve::energy(double y) const
 {
   if (y < FIRST) return initial_ * y * y / 2;
   if (y >= 1) return below_[OCTAVES << CELL_BITS] + (y - 1) * (phi1_ + slope1_ * (y - 1) / 2);
-  std::uint64_t bits;
-  std::memcpy(&bits, &y, sizeof bits);
-  const std::uint64_t cell = (bits >> SHIFT) - BASE;
-  bits = (bits >> SHIFT) << SHIFT;
-  double start;
-  std::memcpy(&start, &bits, sizeof start);
+  double t;
+  const std::size_t cell = place(y, t);
   const Cell &c = cells_[cell];
-  const double t = y - start;
   return below_[cell] + t * (c.a + t * (c.b / 2 + t * (c.c / 3 + t * c.d / 4)));
 }
 

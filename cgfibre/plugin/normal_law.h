@@ -3,6 +3,7 @@
 
 #include "curve.h"
 
+#include <cstddef>
 #include <cstdint>
 #include <cstring>
 
@@ -26,13 +27,8 @@ class LineCurve {
   {
     if (y < FIRST) return y * initial_;
     if (y >= 1) return phi1_ + slope1_ * (y - 1);
-    std::uint64_t bits;
-    std::memcpy(&bits, &y, sizeof bits);
-    const Cell &c = cells_[(bits >> SHIFT) - BASE];
-    bits = (bits >> SHIFT) << SHIFT;
-    double start;
-    std::memcpy(&start, &bits, sizeof start);
-    const double t = y - start;
+    double t;
+    const Cell &c = cells_[place(y, t)];
     return c.a + t * (c.b + t * (c.c + t * c.d));
   }
   double initial_slope() const { return initial_; }
@@ -56,6 +52,19 @@ class LineCurve {
   double initial_, phi1_, slope1_;
 
   LineCurve();
+
+  // cell of FIRST <= y < 1, and how far into it y lies
+  static std::size_t place(double y, double &t)
+  {
+    std::uint64_t bits;
+    std::memcpy(&bits, &y, sizeof bits);
+    const std::uint64_t cell = bits >> SHIFT;
+    bits = cell << SHIFT;
+    double start;
+    std::memcpy(&start, &bits, sizeof start);
+    t = y - start;
+    return cell - BASE;
+  }
 };
 
 // Force against overlap, loading and unloading: nN of spheres and discs, nN/um of capsules; um, nN/um, kPa = nN/um^2.

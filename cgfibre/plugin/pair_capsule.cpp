@@ -449,8 +449,9 @@ void PairCapsule::inherit(size_t m, int k)
 }
 
 // which of the waiting candidates touch
-void PairCapsule::sort_out(bool advance)
+void PairCapsule::sort_out()
 {
+  const bool advance = pressing.advance;
   for (int l = candidate_count; l < LANES; l++) {
     meeting.A[l] = meeting.A[0];
     meeting.B[l] = meeting.B[0];
@@ -474,17 +475,17 @@ void PairCapsule::sort_out(bool advance)
       continue;
     }
     if (advance && !held[k]) {
-      add_loads(advance);    // the springs of the row before this one, as they are after this step on any number of ranks
+      add_loads();    // the springs of the row before this one, as they are after this step on any number of ranks
       inherit(pair.master, k);
     }
     fill(pressing, touching_count, pair, meeting.lo[l], meeting.hi[l], h);
     touching[touching_count++] = pair;
-    if (touching_count == LANES) add_loads(advance);
+    if (touching_count == LANES) add_loads();
   }
   candidate_count = 0;
 }
 
-void PairCapsule::add_loads(bool advance)
+void PairCapsule::add_loads()
 {
   if (touching_count == 0) return;
   double **f = atom->f, **torque = atom->torque;
@@ -497,7 +498,7 @@ void PairCapsule::add_loads(bool advance)
     if (spin)
       for (int n = 0; n < 4; n++)
         for (int d = 0; d < 3; d++) torque[on[n]][d] += pressing.torque[n][d][l];
-    if (advance) {
+    if (pressing.advance) {
       const double *h = pressing.history[l];
       held[touching[l].partner] = h[0] != 0.0 || h[1] != 0.0 || h[2] != 0.0;
     }
@@ -513,8 +514,7 @@ void PairCapsule::add_loads(bool advance)
 
 void PairCapsule::add_forces()
 {
-  const bool advance = !update->setupflag;
-  pressing.advance = advance;
+  pressing.advance = !update->setupflag;
   pressing.energy = eflag_either;
   contacts = contact_length = 0.0;
   closest = NONE_CLOSE;
@@ -527,11 +527,11 @@ void PairCapsule::add_forces()
       meeting.A[candidate_count] = A;
       meeting.B[candidate_count] = &segments[partners[k]];
       candidates[candidate_count++] = {(int) m, k};
-      if (candidate_count == LANES) sort_out(advance);
+      if (candidate_count == LANES) sort_out();
     }
   }
-  if (candidate_count > 0) sort_out(advance);
-  add_loads(advance);
+  if (candidate_count > 0) sort_out();
+  add_loads();
   if (eflag_global) {
     // compute pair adds up over ranks: a least value is shared out
     MPI_Allreduce(MPI_IN_PLACE, &closest, 1, MPI_DOUBLE, MPI_MIN, world);

@@ -125,9 +125,9 @@ class PairCapsule : public LAMMPS_NS::Pair, public HistoryOwner {
   void press(PressLanes &, int count) const;
   CapsuleContact contact_of(const PressLanes &, int lane) const;
   void inherit(std::size_t, int);
-  void sort_out(bool advance);
+  void sort_out();
   void add_forces();
-  void add_loads(bool advance);
+  void add_loads();
   bool look(int, int, CapsuleContact &);
   void tally(const int *, const PressLanes &, int lane);
 };
