@@ -6,11 +6,11 @@ import shutil
 
 import numpy as np
 import pytest
+from quitting import quit_when
 
 from cgfibre import plot, review, store, workflow
-from cgfibre.engine.dump import read_record, read_states
-from cgfibre.engine.lammps import find_engine, run_deck
-from cgfibre.errors import EngineError, InputError
+from cgfibre.engine.dump import read_record
+from cgfibre.errors import InputError
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.model import film_time
 from cgfibre.record import Curve
@@ -29,19 +29,12 @@ def test_resumed_within_the_second_loading_and_unloading_the_same_bytes(bench, l
     unbroken = bench.run("unbroken", *overrides)
     out = bench.folder / "quit"
     folder = workflow.build_scene(bench.scene, out, overrides)
-    phases = (folder / "phases.inc").read_text()
-    line = "variable        slot equal 1-${slot}\n"
-    assert phases.count(line) == 1
     variables: dict[str, str] = {}
     for phase in (0, 2):
-        stop = f'if "${{leg}} == 2 && ${{phase}} == {phase} && ${{place}} > 0.5" then "quit 1"\n'
-        (folder / "phases.inc").write_text(phases.replace(line, stop + line))
-        with pytest.raises(EngineError):
-            run_deck(find_engine(), folder, f"in.{level}", variables=variables)
-        state = read_states(folder)[0]
+        stop = f"${{leg}} == 2 && ${{phase}} == {phase} && ${{place}} > 0.5"
+        state = quit_when(folder, f"in.{level}", stop, variables)[0]
         assert state.phase == phase
         variables = {"resume": "1", "state": state.file}
-    (folder / "phases.inc").write_text(phases)
     resumed = workflow.run_scene(bench.scene, workflow.RunOptions(out, resume=True), overrides)
     assert resumed.curve.cycles == 3
     assert (out / "curve.csv").read_bytes() == (unbroken.out / "curve.csv").read_bytes()

@@ -4,19 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import tomli_w
 from measure_systems import straight
+from quitting import quit_when
 from test_weave_scene import changed
+from weave_bench import WeaveBench
 
 from cgfibre import workflow
 from cgfibre.build.ribbon import between, rungs, turns, twists
 from cgfibre.build.weave import TowShape
 from cgfibre.cases import capsule_ranks, ribbon
 from cgfibre.engine.assemble import assemble
-from cgfibre.engine.dump import read_record, read_states
+from cgfibre.engine.dump import read_record
 from cgfibre.engine.lammps import find_engine, run_deck
 from cgfibre.engine.plugin import find_plugin
-from cgfibre.errors import EngineError, InputError
+from cgfibre.errors import InputError
 from cgfibre.mechanics.ribbon import chord_loss, torsion_constant, twisting_moment
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.ribbons import ribbon_bound, ribbon_elements
@@ -262,20 +263,9 @@ def test_what_the_deck_is_given():
 
 
 @pytest.fixture
-def weave(tmp_path, monkeypatch):
-    """Runs the small weave of flat tows with changes, in a folder of its own a call, without pictures."""
-    monkeypatch.setattr(workflow, "draw_all", lambda *args, **kwargs: [])
-
-    def scene(changes):
-        path = tmp_path / "weave.toml"
-        path.write_text(tomli_w.dumps(flat(FAST | changes)))
-        return path
-
-    def run(name, changes, **options):
-        return workflow.run_scene(scene(changes), workflow.RunOptions(tmp_path / name, **options))
-
-    run.scene, run.folder = scene, tmp_path
-    return run
+def weave(tmp_path):
+    """Runs the small weave of flat tows with changes, in a folder of its own a call."""
+    return WeaveBench(tmp_path, lambda changes: flat(FAST | changes))
 
 
 @needs_plugin
@@ -313,14 +303,8 @@ def test_a_resumed_joined_weave_repeats_the_unbroken_one_step_by_step(weave):
     weave("unbroken", changes)
     out = weave.folder / "quit"
     folder = workflow.build_scene(weave.scene(changes), out)
-    phases = (folder / "phases.inc").read_text()
-    line = "variable        slot equal 1-${slot}\n"
-    assert phases.count(line) == 1
-    (folder / "phases.inc").write_text(phases.replace(line, 'if "$(step) >= 1" then "quit 1"\n' + line))
-    with pytest.raises(EngineError):
-        run_deck(find_engine(), folder, "in.chain")
-    (folder / "phases.inc").write_text(phases)
-    assert 0 < read_states(folder)[0].step
+    states = quit_when(folder, "in.chain", "$(step) >= 1")
+    assert 0 < states[0].step
     weave("quit", changes, resume=True)
     assert (out / "curve.csv").read_text() == (weave.folder / "unbroken" / "curve.csv").read_text()
 

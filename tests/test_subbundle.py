@@ -5,15 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from quitting import quit_when
 
 from cgfibre import homogenise as verb
 from cgfibre import workflow
 from cgfibre.cases.element import run_element, shear_error, uniaxial_error
 from cgfibre.engine.cell import CellDisc, CellPath, random_cell, run_cell
-from cgfibre.engine.lammps import find_engine, run_deck
+from cgfibre.engine.lammps import find_engine
 from cgfibre.engine.plugin import NoCompilerError, build_plugin, plugin_variables
 from cgfibre.engine.subbundle import law_files, law_text, series
-from cgfibre.errors import EngineError, InputError
+from cgfibre.errors import InputError
 from cgfibre.measure.homogenise import (
     lateral_ratio,
     lattice_table,
@@ -312,13 +313,8 @@ def test_a_tow_goes_on_from_a_checkpoint_to_the_same_curve(small, tmp_path):
     """The engine quits right after a checkpoint, a third of the way."""
     out = tmp_path / "quit"
     folder = workflow.build_scene("carbon-12k-tow", out, SMALL)
-    phases = (folder / "phases.inc").read_text()
-    line = "variable        slot equal 1-${slot}\n"
     stop = small.summary["n_steps"] // 3
-    (folder / "phases.inc").write_text(phases.replace(line, f'if "$(step) >= {stop}" then "quit 1"\n' + line))
-    with pytest.raises(EngineError):
-        run_deck(find_engine(), folder, "in.subbundle", 1, plugin_variables(folder, find_engine()))
-    (folder / "phases.inc").write_text(phases)
+    quit_when(folder, "in.subbundle", f"$(step) >= {stop}", plugin_variables(folder, find_engine()))
     again = workflow.run_scene("carbon-12k-tow", workflow.RunOptions(out, resume=True, pictures=False), SMALL)
     np.testing.assert_array_equal(again.curve["force_top_N"], small.curve["force_top_N"])
     np.testing.assert_array_equal(again.curve["stored_J"], small.curve["stored_J"])

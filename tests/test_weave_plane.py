@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-import tomli_w
+from quitting import quit_when
 from test_weave_scene import changed
+from weave_bench import WeaveBench, thickness
 
 from cgfibre import store, workflow
-from cgfibre.engine.dump import read_states
-from cgfibre.engine.lammps import find_engine, run_deck
+from cgfibre.engine.lammps import find_engine
 from cgfibre.engine.plugin import find_plugin
-from cgfibre.errors import EngineError
-from cgfibre.measure.compaction import thickness_at_pressure
 from cgfibre.mechanics.trellis import bearing_angle
 from cgfibre.plan.make import make_plan
 from cgfibre.plan.tows import tow_models, weave_spec
@@ -18,30 +16,14 @@ from cgfibre.scene_reading import scene_from_dict
 
 pytestmark = pytest.mark.skipif(find_plugin(find_engine()) is None, reason="weaves need the plugin")
 FAST = {"output.frames": 4, "output.samples": 60, "model.accuracy": 0.1}
-AT = np.array([0.05, 0.1, 0.19])
 SMOOTH = {"contact.friction": 0.0, "platens.friction": 0.0}
 PATCH = {"assembly.cell": "patch", "assembly.tows": 4}
 
 
 @pytest.fixture
 def weave(tmp_path):
-    """Runs the small nylon weave with changes, in a folder of its own a call, without pictures."""
-
-    def scene(changes):
-        path = tmp_path / "weave.toml"
-        path.write_text(tomli_w.dumps(changed(FAST | changes)))
-        return path
-
-    def run(name, changes, **options):
-        return workflow.run_scene(scene(changes), workflow.RunOptions(tmp_path / name, pictures=False, **options))
-
-    run.scene, run.folder = scene, tmp_path
-    return run
-
-
-def thickness(result):
-    c = result.curve
-    return thickness_at_pressure(c["thickness_um"][c.loading], c["pressure_MPa"][c.loading], AT)
+    """Runs the small nylon weave with changes, in a folder of its own a call."""
+    return WeaveBench(tmp_path, lambda changes: changed(FAST | changes))
 
 
 @pytest.mark.parametrize(
@@ -58,15 +40,8 @@ def test_a_resumed_run_repeats_the_unbroken_one_step_by_step(weave, cell, more):
     assert unbroken.trusted, unbroken.summary["warnings"]
     out = weave.folder / "quit"
     folder = workflow.build_scene(weave.scene(changes), out)
-    phases = (folder / "phases.inc").read_text()
-    line = "variable        slot equal 1-${slot}\n"
-    assert phases.count(line) == 1
-    share = "$(v_share) > 0.3 && $(v_share) < 1"
-    (folder / "phases.inc").write_text(phases.replace(line, f'if "{share}" then "quit 1"\n' + line))
-    with pytest.raises(EngineError):
-        run_deck(find_engine(), folder, "in.chain")
-    (folder / "phases.inc").write_text(phases)
-    assert read_states(folder)
+    states = quit_when(folder, "in.chain", "$(v_share) > 0.3 && $(v_share) < 1")
+    assert states
     weave("quit", changes, resume=True)
     assert (out / "curve.csv").read_bytes() == (weave.folder / "unbroken/curve.csv").read_bytes()
     a, b = (store.read_results(x / "results.h5").frames for x in (weave.folder / "unbroken", out))

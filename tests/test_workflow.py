@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import cgfibre_command, cgfibre_environment
+from quitting import quit_when
 
 from cgfibre import store, workflow
 from cgfibre.engine import job
@@ -552,15 +553,9 @@ def test_stopped_at_any_checkpoint_the_engine_goes_on_bit_by_bit(bench, level, s
     unbroken = bench.run("unbroken", *overrides)
     out = bench.folder / "quit"
     folder = workflow.build_scene(bench.scene, out, overrides)
-    phases = (folder / "phases.inc").read_text()
-    line = "variable        slot equal 1-${slot}\n"
-    assert phases.count(line) == 1
     stop = unbroken.summary["n_steps"] // 3
-    (folder / "phases.inc").write_text(phases.replace(line, f'if "$(step) >= {stop}" then "quit 1"\n' + line))
-    with pytest.raises(EngineError):
-        run_deck(find_engine(), folder, f"in.{level}")
-    (folder / "phases.inc").write_text(phases)
-    state = read_states(folder)[0]
+    states = quit_when(folder, f"in.{level}", f"$(step) >= {stop}")
+    state = states[0]
     assert stop <= state.step < 0.6 * unbroken.summary["n_steps"]
     resumed = workflow.run_scene(bench.scene, workflow.RunOptions(out, resume=True), overrides)
     log = (folder / "log.lammps").read_text()

@@ -4,20 +4,20 @@ import math
 
 import numpy as np
 import pytest
-import tomli_w
+from quitting import quit_when
 from test_weave_scene import changed
+from weave_bench import WeaveBench, thickness
 
 from cgfibre import workflow
 from cgfibre.build.weave import TowShape, WeaveSpec, tow_system
 from cgfibre.cases.experiment import moved, run
 from cgfibre.cases.rods import AWAY, D, filament
 from cgfibre.engine.assemble import assemble
-from cgfibre.engine.dump import read_record, read_states
+from cgfibre.engine.dump import read_record
 from cgfibre.engine.lammps import find_engine, run_deck
 from cgfibre.engine.natural import axis_and_angle, natural_shape, straight_shape
 from cgfibre.engine.plugin import find_plugin
-from cgfibre.errors import EngineError, InputError
-from cgfibre.measure.compaction import thickness_at_pressure
+from cgfibre.errors import InputError
 from cgfibre.mechanics import rod
 from cgfibre.mechanics.woven_tow import WovenTow, arch, shallow_arch
 from cgfibre.plan.make import make_plan
@@ -27,29 +27,12 @@ from cgfibre.scene_reading import scene_from_dict
 with_plugin = pytest.mark.skipif(find_plugin(find_engine()) is None, reason="weaves need the plugin")
 ROD = {"model.level": "rod"}
 FAST = {"output.frames": 4, "output.samples": 40, "model.accuracy": 0.2}
-AT = np.array([0.05, 0.1, 0.19])
 
 
 @pytest.fixture
-def weave(tmp_path, monkeypatch):
-    """Runs the small nylon weave of rods with changes, in a folder of its own a call, without pictures."""
-    monkeypatch.setattr(workflow, "draw_all", lambda *args, **kwargs: [])
-
-    def scene(changes):
-        path = tmp_path / "weave.toml"
-        path.write_text(tomli_w.dumps(changed(FAST | ROD | changes)))
-        return path
-
-    def run(name, changes, **options):
-        return workflow.run_scene(scene(changes), workflow.RunOptions(tmp_path / name, **options))
-
-    run.scene, run.folder = scene, tmp_path
-    return run
-
-
-def thickness(result):
-    c = result.curve
-    return thickness_at_pressure(c["thickness_um"][c.loading], c["pressure_MPa"][c.loading], AT)
+def weave(tmp_path):
+    """Runs the small nylon weave of rods with changes, in a folder of its own a call."""
+    return WeaveBench(tmp_path, lambda changes: changed(FAST | ROD | changes))
 
 
 def planned(changes):
@@ -245,14 +228,9 @@ def test_resumed_rods_repeat_the_unbroken_ones_step_by_step(weave):
     unbroken = weave("unbroken", changes)
     out = weave.folder / "quit"
     folder = workflow.build_scene(weave.scene(changes), out)
-    phases = (folder / "phases.inc").read_text()
-    line = "variable        slot equal 1-${slot}\n"
     stop = unbroken.summary["n_steps"] // 3
-    (folder / "phases.inc").write_text(phases.replace(line, f'if "$(step) >= {stop}" then "quit 1"\n' + line))
-    with pytest.raises(EngineError):
-        run_deck(find_engine(), folder, "in.rod")
-    (folder / "phases.inc").write_text(phases)
-    assert stop <= read_states(folder)[0].step < 0.7 * unbroken.summary["n_steps"]
+    states = quit_when(folder, "in.rod", f"$(step) >= {stop}")
+    assert stop <= states[0].step < 0.7 * unbroken.summary["n_steps"]
     resumed = weave("quit", changes, resume=True)
     assert (out / "curve.csv").read_text() == (weave.folder / "unbroken" / "curve.csv").read_text()
     assert np.array_equal(resumed.curve["stored_J"], unbroken.curve["stored_J"])
