@@ -355,6 +355,25 @@ def test_nylon_filaments_do_not_overlap(section):
     assert (again.positions == system.positions).all()
 
 
+@pytest.mark.parametrize("count", [12, 30])
+def test_one_seed_is_one_specimen_at_every_bead_spacing(count):
+    def places(spacing, seed=3):
+        """Filaments in the sections of their tows, (n, 2) um, at a tow's first beads (chords open the gap)."""
+        system = filament_system(spec(tow=shape("lenticular", 4400.0)), FILAMENT, count, spacing, seed=seed)
+        first = system.positions[system.filament_start[:-1]]
+        across = np.where(system.tow < 2, first[:, 1], first[:, 0])
+        height = np.array([np.mean(first[system.tow == t, 2]) for t in range(4)])
+        return np.column_stack([across - np.floor(across / P) * P, first[:, 2] - height[system.tow]])
+
+    one = places(150.0)
+    assert np.array_equal(places(150.0 * (1.0 + 1e-9)), one)
+    for spacing in (75.0, 300.0, 450.0, 600.0):
+        # what chords want beyond ROOM is a matter of moving a few filaments a little
+        moved = np.abs(places(spacing) - one).max(axis=1)
+        assert moved.max() < 0.01 * 300.0
+    assert np.abs(places(150.0, seed=4) - one).max() > 0.5 * 300.0
+
+
 def test_twisted_filaments_are_right_handed_helices_and_close():
     tow = holding("circular", T, 12, 300.0, 0.45)
     s = WeaveSpec(np.array([[True], [True]]), tow, tow, P, P)  # warps that stay on top: straight
