@@ -268,13 +268,13 @@ def run_deck(
             raise
     spent = EngineTime(time.perf_counter() - start, usage.ru_utime + usage.ru_stime)
     if process.returncode != 0:
-        raise EngineError(*_diagnose(process.returncode, log, errors))
+        raise EngineError(*_diagnose(process.returncode, log, errors, ranks))
     if errors.stat().st_size == 0:
         errors.unlink()
     return spent
 
 
-def _diagnose(code: int, log: Path, errors: Path) -> tuple[str, str]:
+def _diagnose(code: int, log: Path, errors: Path, ranks: int) -> tuple[str, str]:
     text = errors.read_text(errors="replace")
     if log.exists():
         with log.open("rb") as f:
@@ -295,7 +295,8 @@ def _diagnose(code: int, log: Path, errors: Path) -> tuple[str, str]:
         )
     if shutil.disk_usage(log.parent).free < FULL_DISK:  # the message itself may not have found room
         message = "No space left: " + message
-    if not lines and "MPI_Abort" in text:
+    # an abort may swallow what MPI itself had to say, too
+    if not lines and ("MPI_Abort" in text or (ranks > 1 and 0 < code < 128)):
         return (
             "another rank than the first stopped the engine, without a word in the log: most often a bond grew beyond "
             "the ghost cutoff",
