@@ -394,7 +394,8 @@ def frame_statistics(
         top, bottom = platen_heights(system, plan)
         faces = np.column_stack([np.full(len(frames), bottom), top - frames.displacement_um])
         law, modulus = line_law(plan, system), hertz_modulus(plan)
-        return fabric_statistics(system, frames, faces, law, modulus, plan.contact.both_sides)
+        friction = plan.contact.sliding_friction
+        return fabric_statistics(system, frames, faces, law, modulus, plan.contact.both_sides, friction)
     x = mid_plane(scene, plan)
     d = float(np.max(system.diameter))
     rows: list[dict[str, Any]] = []

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from cgfibre.build.system import FilamentSystem, FloatArray
-from cgfibre.measure.crossing_forces import crossing_loads, touches
+from cgfibre.measure.crossing_forces import CrossingLoads, crossing_loads, touches
 from cgfibre.measure.crossings import Crossings, filament_crossings, through_each_other, tow_crossings
 from cgfibre.measure.fabric import Fabric, TowLine, areal_density, fabric_of, lines_of, tow_lines
 from cgfibre.measure.fabric_section import (
@@ -23,6 +23,7 @@ from cgfibre.measure.fabric_section import (
 )
 from cgfibre.measure.guards import Guard
 from cgfibre.measure.segments import LineLaw, period_of
+from cgfibre.mechanics.trellis import turning_friction
 from cgfibre.plan.model import Plan, Woven
 from cgfibre.record import Curve, Frames
 
@@ -42,6 +43,7 @@ UNITS = {
     "crossing_area": "um2",
     "crossing_pressure": "kPa",
     "crossing_place": "um",
+    "turning_couple": "N/m",
     "contact_force": "nN",
 }
 
@@ -150,13 +152,16 @@ def fabric_statistics(
     law: LineLaw,
     modulus: float | None,
     both_sides: bool = False,
+    friction: Callable[[FloatArray], FloatArray] | None = None,
 ) -> dict[str, tuple[np.ndarray, str]]:
     """Crimp, widths and thicknesses of tows, forces at crossings, room for resin: name -> (one row a frame, units).
 
     ``faces`` (n_frames, 2) um, z of the bottom and top platen; ``modulus``, ``both_sides`` as for :func:`touches`.
     Names end on warp or weft, and on crossing (at the tows' crossings; of the room: in a plane through a weft tow) or
     between. ``crossing_force`` and ``crossing_area`` (n_frames, n_crossings), ``crossing_place`` (n_frames,
-    n_crossings, 3): by warp tow, then weft tow.
+    n_crossings, 3): by warp tow, then weft tow. ``turning_couple`` of tows that are chains, with ``friction`` (n,) of
+    angles (n,) rad: what their turning on each other (:func:`turning_friction`) puts against a change of the weft's
+    angle beyond the couple of the record, over the area.
     """
     fabric = fabric_of(system)
     rows: list[dict[str, Any]] = []
@@ -193,12 +198,23 @@ def fabric_statistics(
             "contact_force_mean": float(np.mean(touch.force)) if len(touch.force) else 0.0,
             "contact_force_largest": float(np.max(touch.force, initial=0.0)),
         }
+        if friction is not None and np.all(fabric.single):
+            row["turning_couple"] = _turning(lines, loads, friction) / _area(fabric, system) * 1e-3  # of nN/um
         rows.append(row)
     if not rows:
         return {}
     values = {name: (np.array([row[name] for row in rows]), _units(name)) for name in rows[0]}
     values["displacement"] = (frames.displacement_um[: len(rows)], "um")
     return values
+
+
+def _turning(lines: list[TowLine], loads: CrossingLoads, friction: Callable[[FloatArray], FloatArray]) -> float:
+    """Couple at which all tows turn on each other at their crossings, nN um."""
+    runs = np.array([line.run / np.linalg.norm(line.run) for line in lines])
+    number = {line.tow: k for k, line in enumerate(lines)}
+    one, other = (runs[[number[int(t)] for t in tows]] for tows in (loads.warp, loads.weft))
+    angle = np.arccos(np.clip(np.abs(np.sum(one * other, axis=1)), 0.0, 1.0 - 1e-6))
+    return float(np.sum(turning_friction(loads.normal, loads.area, angle, friction(angle))))
 
 
 def _area(fabric: Fabric, built: FilamentSystem) -> float:

@@ -14,7 +14,8 @@ from cgfibre.measure import fabric_section as fs
 from cgfibre.measure.crossing_forces import crossing_loads, touches
 from cgfibre.measure.crossings import filament_crossings, through_each_other, tow_crossings
 from cgfibre.measure.segments import minimum_axis_distance
-from cgfibre.mechanics.trellis import area_factor, bearing_angle, locking_angle
+from cgfibre.mechanics.trellis import area_factor, bearing_angle, locking_angle, turning_friction
+from cgfibre.plan.model import Contact
 from cgfibre.record import Frames
 from cgfibre.review_fabric import fabric_statistics, planes_of, upright
 
@@ -232,3 +233,56 @@ def test_angles_at_which_a_trellis_ends():
         return float(np.min(np.hypot(away, height)) - 2 * h)
 
     assert clearance(predicted - 0.03) > -1e-9 > clearance(predicted + 0.03)
+
+
+@pytest.mark.parametrize("degrees", [90.0, 60.0, 25.0])
+def test_friction_of_tows_that_turn_on_each_other(degrees):
+    """Against the integral of mu p r over the overlap of two parabolic cylinders; 8/15 mu N a at a right angle."""
+    angle, radius, deep, stiff, mu = np.radians(degrees), 600.0, 20.0, 3.0, 0.3
+    half = np.sqrt(2 * 2 * radius * deep) / np.sin(angle / 2)
+    x, y = np.meshgrid(*2 * [np.linspace(-half, half, 1501)])
+    # distances from either axis, at half the angle to x
+    c, s = np.cos(angle / 2), np.sin(angle / 2)
+    pressure = stiff * np.maximum(deep - ((s * x - c * y) ** 2 + (s * x + c * y) ** 2) / (2 * radius), 0.0)
+    cell = (x[0, 1] - x[0, 0]) ** 2
+    normal, area = pressure.sum() * cell, np.count_nonzero(pressure) * cell
+    couple = mu * (pressure * np.hypot(x, y)).sum() * cell
+    found = turning_friction(*(np.array([v]) for v in (normal, area, angle, mu)))[0]
+    assert found == pytest.approx(couple, rel=2e-3)
+    if degrees == 90.0:
+        assert found == pytest.approx(8 / 15 * mu * normal * np.sqrt(area / np.pi), rel=2e-3)
+
+
+@pytest.mark.parametrize("angle", [0.0, 30.0])
+def test_the_couple_of_turning_tows_is_told_over_the_cell(angle):
+    """Four crossings by the closed form, with mu of the angle at which they cross."""
+    built = plain(amplitude=9.0)
+    state, turn = sheared(built, np.radians(angle)), np.radians(angle)
+    faces = np.array([[-20.0, 20.0]])
+    asked = []
+
+    def friction(angles):
+        asked.extend(angles)
+        return 0.2 + 0.1 * angles
+
+    found = fabric_statistics(built, frames_of(state), faces, lambda d: 100.0 * d, None, friction=friction)
+    assert asked == pytest.approx([np.pi / 2 - turn] * 4, rel=1e-3)
+    fabric = fabric_in(state, built)
+    crossings = tow_crossings(fabric, fb.tow_lines(fabric, state.positions))
+    loads = crossing_loads(fabric, crossings, touches(fabric, state.positions, lambda d: 100.0 * d))
+    cross = np.full(4, np.pi / 2 - turn)
+    each = turning_friction(loads.normal, loads.area, cross, 0.2 + 0.1 * cross)
+    value, units = found["turning_couple"]
+    assert units == "N/m" and value[0] > 0
+    assert value[0] == pytest.approx(1e-3 * each.sum() / (4 * S * S * np.cos(turn)), rel=1e-3)
+    pair = plain(amplitude=9.0, offsets=PAIR)
+    more = fabric_statistics(pair, frames_of(pair), faces, lambda d: 100.0 * d, None, friction=friction)
+    assert "turning_couple" not in more  # sides of tows of several chains are in the engine's forces
+
+
+def test_friction_of_what_slips_at_an_angle():
+    contact = Contact("hooke", 1.0, 1.0, 0.0, 0.2, 1.0, 1.0)
+    at = np.radians([0.0, 45.0, 90.0])
+    assert contact.sliding_friction(at) == pytest.approx([0.2, 0.2, 0.2])
+    turned = replace(contact, by_angle=((0.0, 0.1), (np.pi / 2, 0.3)), kinetic=0.1)
+    assert turned.sliding_friction(at) == pytest.approx([0.05, 0.1, 0.15])

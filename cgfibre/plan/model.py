@@ -162,6 +162,13 @@ class Contact:
         """Whether filaments touch along their segments: stiffness and damping are per length."""
         return self.shape == "capsule"
 
+    def sliding_friction(self, angle: FloatArray) -> FloatArray:
+        """Coefficient of what slips where axes cross at acute ``angle`` (n,) rad."""
+        share = 1.0 if self.kinetic is None or self.friction == 0 else self.kinetic / self.friction
+        if self.by_angle is None:
+            return np.full(np.shape(angle), share * self.friction)
+        return np.asarray(share * np.interp(angle, *np.array(self.by_angle).T))
+
 
 @dataclass(frozen=True)
 class Platens:

@@ -262,7 +262,10 @@ def _sheared(scene: Scene) -> Choice:
         spacings = (w.spacing.weft, w.spacing.warp)
         bearing = trellis.bearing_angle(sum(spec.amplitudes), spec.amplitudes, spacings)
         parts.insert(0, f"press on each other beside their crossings from {math.degrees(bearing):.3g} deg on")
-    why = "closed forms; the couple that resists has no friction of tows that turn on each other: chains have no sides"
+    why = (
+        "closed forms; round tows that are chains have no sides: the friction of their turning on each other is not in "
+        "the couple that resists, /fabric/turning_couple of results.h5 tells it"
+    )
     return Choice("trellis", f"area times {trellis.area_factor(shear):.4g}; tows {', '.join(parts)}", why)
 
 
