@@ -303,6 +303,24 @@ def rows_of(cell: Cell, out: Path) -> list[Row]:
     return sorted((r for r in found if r), key=lambda r: r.cpu)
 
 
+def equals(rows: Sequence[Row], contact: bool) -> list[tuple[float, Row, Row]]:
+    """(error um, cheapest capsules, cheapest beads within it), an error for every pair that this makes, smallest first;
+    ``contact``: of contacts alone."""
+
+    def error(row: Row) -> float:
+        part = row.contact if contact else row.whole
+        return np.inf if part is None else part.bias
+
+    found: dict[tuple[Variant, Variant], tuple[float, Row, Row]] = {}
+    for bound in sorted(e for e in map(error, rows) if np.isfinite(e)):
+        within = [row for row in rows if error(row) <= bound]
+        kinds = [[r for r in within if r.variant.shape == shape] for shape in ("capsule", "beads")]
+        if all(kinds):
+            one, other = (min(kind, key=lambda r: r.cpu) for kind in kinds)
+            found.setdefault((one.variant, other.variant), (bound, one, other))
+    return list(found.values())
+
+
 def text_of(cell: Cell, out: Path) -> str:
     """Tables of a cell."""
     runs = [pressed(cell.folder(out, cell.reference, k)) for k in range(1, cell.variants[cell.reference] + 1)]
@@ -328,6 +346,10 @@ def text_of(cell: Cell, out: Path) -> str:
         few = r.whole.specimens
         start = f"| {r.variant.name} | {few} | {r.beads} | {r.steps} | {r.cpu:.3g} | "
         lines.append(f"{start}{words(r.contact)} | {words(r.whole)} |")
+    for contact, what in ((True, "contacts alone"), (False, "all of it")):
+        for bound, one, other in equals(rows_of(cell, out), contact):
+            each = f"{one.variant.name} {one.cpu:.3g} s, {other.variant.name} {other.cpu:.3g} s"
+            lines.append(f"{what}, within {bound:.1f} um: {each}: {other.cpu / one.cpu:.1f} times")
     for variant in cell.moved:
         found = scatter(cell, out, variant)
         if found:
