@@ -10,7 +10,7 @@ The error of a variant is the difference of its thickness to that of the referen
 platen) at the same pressure and of the same specimen; that of its contacts alone the difference to the finer capsules
 under a platen as fast. Filaments that give way make a single pair of curves differ by
 more than any variant's fault: a specimen moved by 1e-6 um shows by how much. So errors are the mean over specimens,
-with its standard error, and what is compared is that mean curve.
+with its standard error, and what is compared is that mean curve. Times at equal error: see :func:`equals`.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ CELLS = {
         12,
         {
             Variant("capsule", 0.5, 0.25): 8,
-            Variant("capsule", 0.25): 4,
+            Variant("capsule", 0.25): 2,
             FINER: 8,
             Variant("capsule", 0.5, 2): 8,
             Variant("capsule", 0, 0.25): 8,
@@ -138,11 +138,12 @@ CELLS = {
             Variant("capsule", 2, 2): 8,
             Variant("beads", 1): 8,
             Variant("beads", 1, 2): 8,
+            Variant("beads", 0.5, 0.25): 8,
+            Variant("beads", 0.5, 0.5): 8,
             Variant("beads", 0.5): 8,
             Variant("beads", 0.5, 2): 8,
             Variant("beads", 0.25): 8,
             Variant("beads", 0.25, 2): 8,
-            Variant("beads", 0.125): 3,
         },
         {CAPSULES: 8, FINER: 4, Variant("beads", 0.5): 4},
     ),
@@ -223,7 +224,8 @@ class Against:
 
 @dataclass(frozen=True)
 class Row:
-    """A variant: processor seconds, beads and steps of one run; all of its error, and that of its contacts."""
+    """A variant: least processor seconds a step times steps, beads and steps of one run; all of its error, and that of
+    its contacts."""
 
     variant: Variant
     cpu: float
@@ -273,7 +275,8 @@ def row_of(cell: Cell, out: Path, variant: Variant) -> Row | None:
     beside = cell.beside(variant)
     return Row(
         variant,
-        float(np.mean([run.cpu for run in have])),
+        # what else the machine did meanwhile only adds
+        float(min(run.cpu / run.steps for run in have) * np.mean([run.steps for run in have])),
         int(np.mean([run.beads for run in have])),
         int(np.mean([run.steps for run in have])),
         whole,
@@ -303,22 +306,33 @@ def rows_of(cell: Cell, out: Path) -> list[Row]:
     return sorted((r for r in found if r), key=lambda r: r.cpu)
 
 
-def equals(rows: Sequence[Row], contact: bool) -> list[tuple[float, Row, Row]]:
-    """(error um, cheapest capsules, cheapest beads within it), an error for every pair that this makes, smallest first;
-    ``contact``: of contacts alone."""
+def fronts(rows: Sequence[Row], contact: bool) -> dict[str, list[tuple[float, float, Row]]]:
+    """(error um, CPU s, row) by shape, of rows whose error nothing cheaper of their shape meets, cheap ones first;
+    ``contact``: of contacts alone.
 
-    def error(row: Row) -> float:
+    Without beads a diameter apart: their errors grow as the platen gets slower, what they meet at a speed is chance.
+    """
+    found: dict[str, list[tuple[float, float, Row]]] = {"capsule": [], "beads": []}
+    for row in sorted(rows, key=lambda r: r.cpu):
         part = row.contact if contact else row.whole
-        return np.inf if part is None else part.bias
+        front = found[row.variant.shape]
+        if row.variant != Variant("beads", 1, row.variant.pace) and part and (not front or part.bias < front[-1][0]):
+            front.append((part.bias, row.cpu, row))
+    return found
 
-    found: dict[tuple[Variant, Variant], tuple[float, Row, Row]] = {}
-    for bound in sorted(e for e in map(error, rows) if np.isfinite(e)):
-        within = [row for row in rows if error(row) <= bound]
-        kinds = [[r for r in within if r.variant.shape == shape] for shape in ("capsule", "beads")]
-        if all(kinds):
-            one, other = (min(kind, key=lambda r: r.cpu) for kind in kinds)
-            found.setdefault((one.variant, other.variant), (bound, one, other))
-    return list(found.values())
+
+def equals(rows: Sequence[Row], contact: bool) -> list[tuple[float, Row, float]]:
+    """(error um, capsules, CPU s of beads with the same error) for capsules within the errors that beads meet, by
+    interpolation along their front (logarithms of both)."""
+    found = fronts(rows, contact)
+    if len(found["beads"]) < 2:
+        return []
+    errors, seconds = (np.log([f[k] for f in found["beads"]][::-1]) for k in (0, 1))
+    return [
+        (error, row, float(np.exp(np.interp(np.log(error), errors, seconds))))
+        for error, _, row in found["capsule"]
+        if errors[0] <= np.log(error) <= errors[-1]
+    ]
 
 
 def text_of(cell: Cell, out: Path) -> str:
@@ -347,9 +361,9 @@ def text_of(cell: Cell, out: Path) -> str:
         start = f"| {r.variant.name} | {few} | {r.beads} | {r.steps} | {r.cpu:.3g} | "
         lines.append(f"{start}{words(r.contact)} | {words(r.whole)} |")
     for contact, what in ((True, "contacts alone"), (False, "all of it")):
-        for bound, one, other in equals(rows_of(cell, out), contact):
-            each = f"{one.variant.name} {one.cpu:.3g} s, {other.variant.name} {other.cpu:.3g} s"
-            lines.append(f"{what}, within {bound:.1f} um: {each}: {other.cpu / one.cpu:.1f} times")
+        for error, row, beads in equals(rows_of(cell, out), contact):
+            each = f"{row.variant.name} {row.cpu:.3g} s, beads {beads:.3g} s"
+            lines.append(f"{what}, at {error:.1f} um: {each}: {beads / row.cpu:.1f} times")
     for variant in cell.moved:
         found = scatter(cell, out, variant)
         if found:
@@ -393,7 +407,9 @@ def _mark(ax: Axes, row: Row, error: Against) -> None:
     ax.plot(row.cpu, error.bias, MARKS[row.variant.shape], color=own, ms=4)
     name = f"{row.variant.share:g} D" if row.variant.share else "auto"
     name += f", v x {row.variant.pace:g}" if row.variant.pace != 1 else ""
-    ax.annotate(name, (row.cpu, error.bias), xytext=(4, 2), textcoords="offset points", color=own, fontsize=7)
+    # capsules below their marks, beads above: cheap variants lie close
+    up = 4 if row.variant.shape == "beads" else -9
+    ax.annotate(name, (row.cpu, error.bias), xytext=(4, up), textcoords="offset points", color=own, fontsize=7)
 
 
 def told(done: float, total: float, last: str) -> None:
