@@ -125,7 +125,7 @@ CELLS = {
         12,
         {
             Variant("capsule", 0.5, 0.25): 8,
-            Variant("capsule", 0.25): 2,
+            Variant("capsule", 0.25): 4,
             FINER: 8,
             Variant("capsule", 0.5, 2): 8,
             Variant("capsule", 0, 0.25): 8,
@@ -203,8 +203,9 @@ def pressed(folder: Path) -> Pressed | None:
 
 
 def rms(values: FloatArray) -> float:
-    """Root mean square of what is there."""
-    return float(np.sqrt(np.nanmean(np.asarray(values) ** 2)))
+    """Root mean square of what is there; nan of nothing."""
+    found = np.asarray(values)[np.isfinite(values)]
+    return float(np.sqrt(np.mean(found**2))) if len(found) else np.nan
 
 
 @dataclass(frozen=True)
@@ -373,12 +374,14 @@ def text_of(cell: Cell, out: Path) -> str:
 
 
 COLOURS, MARKS = {"capsule": "C0", "beads": "C3"}, {"capsule": "o", "beads": "s"}
+#: of the axes: CPU s and um
+SECONDS, ERRORS = (1.0, 300.0), (0.2, 80.0)
 SMALL: dict[str, Any] = {"fontsize": 7, "color": "0.4", "va": "bottom"}
 
 
 def draw(cells: Sequence[Cell], out: Path) -> None:
     """Errors against processor time: of the contacts above, all of them below, a column a cell."""
-    figure = new_figure(4.6 * len(cells), 6.4)
+    figure = new_figure(5.6 * len(cells), 8.0)
     for place, cell in enumerate(cells):
         known = [f[1] for f in (scatter(cell, out, v) for v in cell.moved) if f]
         rows = rows_of(cell, out)
@@ -390,7 +393,7 @@ def draw(cells: Sequence[Cell], out: Path) -> None:
             if known:
                 ax.axhline(known[0], color="0.6", ls=":", lw=1)
                 ax.text(0.99, known[0], "scatter of one run", transform=ax.get_yaxis_transform(), ha="right", **SMALL)
-            ax.set(xscale="log", yscale="log", ylabel="error of the mean curve, um")
+            ax.set(xscale="log", yscale="log", ylabel="error of the mean curve, um", xlim=SECONDS, ylim=ERRORS)
             ax.set_title(f"{cell.filaments} filaments a yarn, {title}", fontsize=9)
             if part:
                 ax.set_xlabel("engine, CPU s")
@@ -403,7 +406,7 @@ def draw(cells: Sequence[Cell], out: Path) -> None:
 
 def _mark(ax: Axes, row: Row, error: Against) -> None:
     own = COLOURS[row.variant.shape]
-    ax.plot([row.cpu] * 2, [max(error.bias - error.noise, 0.1), error.bias + error.noise], color=own, lw=0.8)
+    ax.plot([row.cpu] * 2, [max(error.bias - error.noise, ERRORS[0]), error.bias + error.noise], color=own, lw=0.8)
     ax.plot(row.cpu, error.bias, MARKS[row.variant.shape], color=own, ms=4)
     name = f"{row.variant.share:g} D" if row.variant.share else "auto"
     name += f", v x {row.variant.pace:g}" if row.variant.pace != 1 else ""
