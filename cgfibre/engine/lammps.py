@@ -275,11 +275,11 @@ def run_deck(
 
 
 def _diagnose(code: int, log: Path, errors: Path, ranks: int) -> tuple[str, str]:
-    text = errors.read_text(errors="replace")
+    text = said = errors.read_text(errors="replace")
     if log.exists():
         with log.open("rb") as f:
             f.seek(max(0, log.stat().st_size - 20000))
-            text = f.read().decode(errors="replace") + text
+            text = f.read().decode(errors="replace") + said
     # not the deck's own lines that would print one, which the log repeats
     lines = [line for line in text.splitlines() if "ERROR" in line and "print" not in line]
     sanitizer = re.search(r"^\S+: runtime error: .+|AddressSanitizer: .+", text, re.M)  # the plugin's, in a test
@@ -296,7 +296,7 @@ def _diagnose(code: int, log: Path, errors: Path, ranks: int) -> tuple[str, str]
     if shutil.disk_usage(log.parent).free < FULL_DISK:  # the message itself may not have found room
         message = "No space left: " + message
     # an abort may swallow what MPI itself had to say, too
-    if not lines and ("MPI_Abort" in text or (ranks > 1 and 0 < code < 128)):
+    if not lines and ("MPI_Abort" in text or (ranks > 1 and 0 < code < 128 and not said.strip())):
         return (
             "another rank than the first stopped the engine, without a word in the log: most often a bond grew beyond "
             "the ghost cutoff",
