@@ -18,6 +18,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -179,6 +180,7 @@ class Pressed:
     steps: int
 
 
+@cache
 def pressed(folder: Path) -> Pressed | None:
     """What a run left; None where it is not there."""
     if not (folder / "results.h5").exists():
@@ -234,6 +236,10 @@ class Row:
     steps: int
     whole: Against
     contact: Against | None
+
+    def error(self, contact: bool) -> Against | None:
+        """Of the ``contact`` alone, None where that is not known, or all of it."""
+        return self.contact if contact else self.whole
 
 
 def against(cell: Cell, out: Path, variant: Variant, other: Variant) -> Against | None:
@@ -307,18 +313,19 @@ def rows_of(cell: Cell, out: Path) -> list[Row]:
     return sorted((r for r in found if r), key=lambda r: r.cpu)
 
 
-def fronts(rows: Sequence[Row], contact: bool) -> dict[str, list[tuple[float, float, Row]]]:
-    """(error um, CPU s, row) by shape, of rows whose error nothing cheaper of their shape meets, cheap ones first;
+def fronts(rows: Sequence[Row], contact: bool) -> dict[str, list[tuple[float, Row]]]:
+    """(error um, row) by shape, of ``rows``, cheap ones first, whose error nothing cheaper of their shape meets;
     ``contact``: of contacts alone.
 
     Without beads a diameter apart: their errors grow as the platen gets slower, what they meet at a speed is chance.
     """
-    found: dict[str, list[tuple[float, float, Row]]] = {"capsule": [], "beads": []}
-    for row in sorted(rows, key=lambda r: r.cpu):
-        part = row.contact if contact else row.whole
-        front = found[row.variant.shape]
-        if row.variant != Variant("beads", 1, row.variant.pace) and part and (not front or part.bias < front[-1][0]):
-            front.append((part.bias, row.cpu, row))
+    found: dict[str, list[tuple[float, Row]]] = {"capsule": [], "beads": []}
+    for row in rows:
+        error, front = row.error(contact), found[row.variant.shape]
+        if (row.variant.shape, row.variant.share) == ("beads", 1) or error is None:
+            continue
+        if not front or error.bias < front[-1][0]:
+            front.append((error.bias, row))
     return found
 
 
@@ -328,10 +335,10 @@ def equals(rows: Sequence[Row], contact: bool) -> list[tuple[float, Row, float]]
     found = fronts(rows, contact)
     if len(found["beads"]) < 2:
         return []
-    errors, seconds = (np.log([f[k] for f in found["beads"]][::-1]) for k in (0, 1))
+    errors, seconds = np.log([(error, row.cpu) for error, row in reversed(found["beads"])]).T
     return [
         (error, row, float(np.exp(np.interp(np.log(error), errors, seconds))))
-        for error, _, row in found["capsule"]
+        for error, row in found["capsule"]
         if errors[0] <= np.log(error) <= errors[-1]
     ]
 
@@ -357,12 +364,13 @@ def text_of(cell: Cell, out: Path) -> str:
         at = ", ".join(f"{e:+.1f} ± {s:.1f}" for e, s in zip(a.told, a.told_error, strict=True))
         return f"{at}; {a.bias:.1f} ± {a.noise:.1f} ({a.share:.1%}), one specimen {a.single:.1f}"
 
-    for r in rows_of(cell, out):
+    rows = rows_of(cell, out)
+    for r in rows:
         few = r.whole.specimens
         start = f"| {r.variant.name} | {few} | {r.beads} | {r.steps} | {r.cpu:.3g} | "
         lines.append(f"{start}{words(r.contact)} | {words(r.whole)} |")
     for contact, what in ((True, "contacts alone"), (False, "all of it")):
-        for error, row, beads in equals(rows_of(cell, out), contact):
+        for error, row, beads in equals(rows, contact):
             each = f"{row.variant.name} {row.cpu:.3g} s, beads {beads:.3g} s"
             lines.append(f"{what}, at {error:.1f} um: {each}: {beads / row.cpu:.1f} times")
     for variant in cell.moved:
@@ -385,17 +393,17 @@ def draw(cells: Sequence[Cell], out: Path) -> None:
     for place, cell in enumerate(cells):
         known = [f[1] for f in (scatter(cell, out, v) for v in cell.moved) if f]
         rows = rows_of(cell, out)
-        for part, title in enumerate(("contacts alone", "with the platen's speed")):
-            ax = figure.add_subplot(2, len(cells), part * len(cells) + place + 1)
+        for contact, title in ((True, "contacts alone"), (False, "with the platen's speed")):
+            ax = figure.add_subplot(2, len(cells), (not contact) * len(cells) + place + 1)
             for row in rows:
-                if (error := row.whole if part else row.contact) is not None:
+                if (error := row.error(contact)) is not None:
                     _mark(ax, row, error)
             if known:
                 ax.axhline(known[0], color="0.6", ls=":", lw=1)
                 ax.text(0.99, known[0], "scatter of one run", transform=ax.get_yaxis_transform(), ha="right", **SMALL)
             ax.set(xscale="log", yscale="log", ylabel="error of the mean curve, um", xlim=SECONDS, ylim=ERRORS)
             ax.set_title(f"{cell.filaments} filaments a yarn, {title}", fontsize=9)
-            if part:
+            if not contact:
                 ax.set_xlabel("engine, CPU s")
             for shape, own in COLOURS.items():
                 name = "capsules" if shape == "capsule" else shape

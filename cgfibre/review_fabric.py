@@ -173,7 +173,8 @@ def fabric_statistics(
         lines = tow_lines(fabric, positions)
         crossings = tow_crossings(fabric, lines)
         row = _tow_row(fabric, lines, crossings, face)
-        row["areal_density"] = areal_density(fabric, positions, _area(fabric, system))
+        area = _area(fabric, system)
+        row["areal_density"] = areal_density(fabric, positions, area)
         for place, where in zip(planes, ("crossing", "between"), strict=True):
             room = _room(fabric, positions, place, face)
             row |= {
@@ -199,7 +200,7 @@ def fabric_statistics(
             "contact_force_largest": float(np.max(touch.force, initial=0.0)),
         }
         if friction is not None and np.all(fabric.single):
-            row["turning_couple"] = _turning(lines, loads, friction) / _area(fabric, system) * 1e-3  # of nN/um
+            row["turning_couple"] = _turning(lines, loads, friction) / area * 1e-3  # of nN/um
         rows.append(row)
     if not rows:
         return {}
@@ -210,10 +211,9 @@ def fabric_statistics(
 
 def _turning(lines: list[TowLine], loads: CrossingLoads, friction: Callable[[FloatArray], FloatArray]) -> float:
     """Couple at which all tows turn on each other at their crossings, nN um."""
-    runs = np.array([line.run / np.linalg.norm(line.run) for line in lines])
-    number = {line.tow: k for k, line in enumerate(lines)}
-    one, other = (runs[[number[int(t)] for t in tows]] for tows in (loads.warp, loads.weft))
-    angle = np.arccos(np.clip(np.abs(np.sum(one * other, axis=1)), 0.0, 1.0 - 1e-6))
+    runs = np.array([line.run / np.linalg.norm(line.run) for line in lines])  # by tow
+    cosine = np.abs(np.sum(runs[loads.warp] * runs[loads.weft], axis=1))
+    angle = np.arccos(np.minimum(cosine, 1.0 - 1e-6))
     return float(np.sum(turning_friction(loads.normal, loads.area, angle, friction(angle))))
 
 
